@@ -1,0 +1,70 @@
+/* berth/obstacles.h - the fixed-capacity list of obstacles.
+ *
+ * An obstacle is a disc with three radii, all from its centre to the robot's centre: the hard one,
+ * inside which is a collision; the conservative one; and the regulated one (see avoid.h). The list
+ * is a plain struct that its owner clears and fills; each slot also holds what avoidance remembers
+ * of its obstacle, so that a slot can be copied or dropped as a whole.
+ */
+#ifndef BERTH_OBSTACLES_H
+#define BERTH_OBSTACLES_H
+
+#include "berth/result.h"
+#include "berth/types.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Capacity. It bounds the worst case of a step: each active obstacle costs up to one pass over the
+ * active ones when the heading is not free. */
+#ifndef BERTH_OBSTACLES_MAX
+#define BERTH_OBSTACLES_MAX 16
+#endif
+
+#define BERTH_RADIUS_MIN_M 0.001f
+#define BERTH_RADIUS_MAX_M 100.0f
+
+typedef struct {
+    float x_m;
+    float y_m;
+    float hard_m;         /* R: obstacle + robot body + uncertainty */
+    float conservative_m; /* C > R */
+    float regulated_m;    /* G >= C + skirt; equal to it: conservative strategy alone */
+} berth_obstacle_t;
+
+/* What avoidance remembers of one obstacle. Private to avoid.c. */
+typedef struct {
+    uint32_t cursor; /* of the look-ahead, in samples since the start (reference.total): the next
+                        sample to look at or, once found, the one beyond the obstacle */
+    uint8_t scan;    /* state of the look-ahead */
+    int8_t side;     /* side on which it is being passed: +1 left of it, -1 right, 0 open */
+} berth_obstacle_memory_t;
+
+typedef struct {
+    berth_obstacle_t obstacle;
+    berth_obstacle_memory_t memory;
+} berth_obstacle_slot_t;
+
+typedef struct {
+    berth_obstacle_slot_t slots[BERTH_OBSTACLES_MAX];
+    uint32_t count;
+} berth_obstacles_t;
+
+/* Empties the list. */
+void berth_obstacles_clear(berth_obstacles_t *obstacles);
+
+/* Validates one obstacle by itself: finite, in range, R <= C <= G. The clearance condition is
+ * berth_avoid_check_obstacle's. Returns BERTH_OK, or BERTH_ERROR_CONFIG with *refusal filled
+ * (refusal->index is left to the caller). */
+BERTH_MUST_USE berth_error_t berth_obstacle_check(const berth_obstacle_t *obstacle,
+                                                  berth_refusal_t *refusal);
+
+/* Appends a checked obstacle. Returns BERTH_OK or BERTH_ERROR_CAPACITY. */
+BERTH_MUST_USE berth_error_t berth_obstacles_add(berth_obstacles_t *obstacles,
+                                                 const berth_obstacle_t *obstacle);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,382 @@
+#include "berth/avoid.h"
+
+#include "angle_inline.h"
+#include "check.h"
+#include "lookahead.h"
+#include "plan_inline.h"
+
+#include <math.h>
+
+#define HALF_PI (0.5f * BERTH_PI)
+#define TWO_PI (2.0f * BERTH_PI)
+
+/* Margin on an obstacle's visible half angle within which the braking cap acts: the heading may
+ * still come nearer by that much while a drive with delay obeys the last command. */
+#define BRAKING_MARGIN_RAD 0.05f
+
+/* A side is forgotten once the robot is this far outside the regulated radius: skirting wavers
+ * about the radius, and the choice must not be made anew each time. */
+#define SIDE_RELEASE_M 0.1f
+
+/* An active obstacle as the robot sees it. */
+typedef struct {
+    float centre_rad; /* direction of its centre, relative to the heading */
+    float half_rad;   /* alpha: half the angle under which its skirt is seen */
+    float distance_m; /* d */
+    berth_obstacle_slot_t *slot;
+} cone_t;
+
+/* What a step sees. */
+typedef struct {
+    cone_t cones[BERTH_OBSTACLES_MAX];
+    uint32_t count;
+    float room_left_rad; /* free turn to the left, and to the right: >= 0, while free */
+    float room_right_rad;
+    bool free;         /* the heading is free of all active obstacles */
+    bool conservative; /* within the conservative radius of some obstacle */
+    bool coincident;   /* on the centre of one, where no heading leads away for sure */
+} view_t;
+
+static float minimum(float a, float b) {
+    return a < b ? a : b;
+}
+
+static float maximum(float a, float b) {
+    return a > b ? a : b;
+}
+
+/* Ranges of the configuration by itself. */
+static const check_rule_t config_rules[] = {
+    {BERTH_FIELD_SKIRT, false, offsetof(berth_avoid_config_t, skirt_m), 0.0f, 10.0f},
+    {BERTH_FIELD_TAU, false, offsetof(berth_avoid_config_t, tau_s), 0.0f, 10.0f},
+    {BERTH_FIELD_A_BRAKE, true, offsetof(berth_avoid_config_t, a_brake_mps2), 0.001f, 1000.0f},
+    {BERTH_FIELD_SIGMA_POSE, false, offsetof(berth_avoid_config_t, sigma_pose_m), 0.0f, 1.0f},
+};
+
+/* And together with the robot's limits. */
+static bool check_together(const berth_avoid_config_t *config, const berth_limits_config_t *limits,
+                           uint32_t period_us, berth_refusal_t *refusal) {
+    const float turn = limits->omega_max_radps * ((float)period_us / 1.0e6f);
+    const bool good =
+        check_value(BERTH_FIELD_PLAN_PERIOD, (float)period_us, (float)BERTH_PERIOD_MIN_US,
+                    (float)BERTH_PERIOD_MAX_US, refusal) &&
+        check_value(BERTH_FIELD_V_CREEP, config->v_creep_mps, 0.001f, limits->v_max_mps, refusal) &&
+        check_value(BERTH_FIELD_TURN_PER_PERIOD, turn, 0.0f, HALF_PI, refusal);
+    /* braking that the drives are sure of cannot exceed what the limits let them have */
+    return good &&
+           (limits->a_max_mps2 == 0.0f || check_value(BERTH_FIELD_A_BRAKE, config->a_brake_mps2,
+                                                      0.001f, limits->a_max_mps2, refusal));
+}
+
+berth_error_t berth_avoid_init(berth_avoid_t *avoid, const berth_avoid_config_t *config,
+                               const berth_limits_config_t *limits, uint32_t period_us,
+                               berth_refusal_t *refusal) {
+    const berth_error_t error = berth_limits_check(limits, refusal);
+    if (error != BERTH_OK) {
+        return error;
+    }
+    if (!check_rules(config, config_rules, CHECK_COUNT(config_rules), refusal) ||
+        !check_together(config, limits, period_us, refusal)) {
+        return BERTH_ERROR_CONFIG;
+    }
+    const float period_s = (float)period_us / 1.0e6f;
+    const float v = limits->v_max_mps;
+    const float braking_m =
+        config->a_brake_mps2 > 0.0f ? v * v / (2.0f * config->a_brake_mps2) : 0.0f;
+    /* from full turn one way to full turn the other the robot heads where it should not */
+    const float yaw_delay_s = limits->alpha_max_radps2 > 0.0f
+                                  ? 2.0f * limits->omega_max_radps / limits->alpha_max_radps2
+                                  : 0.0f;
+    *avoid = (berth_avoid_t){
+        .config = *config,
+        .period_s = period_s,
+        .v_max_mps = v,
+        .omega_max_radps = limits->omega_max_radps,
+        .clearance_min_m =
+            v * (period_s + config->tau_s + yaw_delay_s) + braking_m + 3.0f * config->sigma_pose_m,
+        .clearance_m = BERTH_RADIUS_MAX_M,
+    };
+    return BERTH_OK;
+}
+
+berth_error_t berth_avoid_check_obstacle(const berth_avoid_t *avoid,
+                                         const berth_obstacle_t *obstacle,
+                                         berth_refusal_t *refusal) {
+    const float clearance = obstacle->conservative_m - obstacle->hard_m;
+    if (!check_range(clearance, avoid->clearance_min_m - BERTH_RADIUS_SLACK_M,
+                     BERTH_RADIUS_MAX_M)) {
+        *refusal = (berth_refusal_t){BERTH_FIELD_CLEARANCE, 0, clearance, avoid->clearance_min_m,
+                                     BERTH_RADIUS_MAX_M - obstacle->hard_m};
+        return BERTH_ERROR_CLEARANCE;
+    }
+    const float skirt = obstacle->conservative_m + avoid->config.skirt_m;
+    if (!check_range(obstacle->regulated_m, skirt - BERTH_RADIUS_SLACK_M, BERTH_RADIUS_MAX_M)) {
+        *refusal = (berth_refusal_t){BERTH_FIELD_OBSTACLE_REGULATED, 0, obstacle->regulated_m,
+                                     skirt, BERTH_RADIUS_MAX_M};
+        return BERTH_ERROR_CONFIG;
+    }
+    return BERTH_OK;
+}
+
+/* Adds an active obstacle to the view. */
+static void see(const berth_avoid_t *avoid, view_t *view, const cone_t *cone) {
+    const berth_obstacle_t *obstacle = &cone->slot->obstacle;
+    const float skirt = obstacle->conservative_m + avoid->config.skirt_m;
+    /* G = S switches the regulated strategy off: all that is active is conservative then */
+    const float conservative = obstacle->regulated_m > skirt + BERTH_RADIUS_SLACK_M
+                                   ? obstacle->conservative_m
+                                   : obstacle->regulated_m;
+    cone_t *seen = &view->cones[view->count];
+    *seen = *cone;
+    seen->half_rad = cone->distance_m > skirt ? berth_asin(skirt / cone->distance_m) : HALF_PI;
+    view->count++;
+    view->conservative = view->conservative || cone->distance_m <= conservative;
+    const float gap = fabsf(seen->centre_rad) - seen->half_rad;
+    const float room = maximum(gap - BERTH_EDGE_MARGIN_RAD, 0.0f);
+    if (gap < -BERTH_FREE_TOLERANCE_RAD) {
+        view->free = false;
+    } else if (seen->centre_rad > 0.0f) {
+        view->room_left_rad = minimum(view->room_left_rad, room);
+    } else {
+        view->room_right_rad = minimum(view->room_right_rad, room);
+    }
+}
+
+static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_pose_t *pose,
+                 view_t *view) {
+    view->count = 0;
+    view->room_left_rad = BERTH_PI;
+    view->room_right_rad = BERTH_PI;
+    view->free = true;
+    view->conservative = false;
+    view->coincident = false;
+    avoid->clearance_m = BERTH_RADIUS_MAX_M;
+    for (uint32_t i = 0; i < obstacles->count; i++) {
+        berth_obstacle_slot_t *slot = &obstacles->slots[i];
+        const berth_obstacle_t *obstacle = &slot->obstacle;
+        const float dx = obstacle->x_m - pose->x_m;
+        const float dy = obstacle->y_m - pose->y_m;
+        const float square = dx * dx + dy * dy;
+        if (square > obstacle->regulated_m * obstacle->regulated_m) {
+            if (slot->memory.side != 0) {
+                const float release = obstacle->regulated_m + SIDE_RELEASE_M;
+                slot->memory.side = square > release * release ? 0 : slot->memory.side;
+            }
+            continue;
+        }
+        const cone_t cone = {
+            .centre_rad = berth_wrap_inline(berth_atan2(dy, dx) - pose->theta_rad),
+            .distance_m = sqrtf(square),
+            .slot = slot,
+        };
+        see(avoid, view, &cone);
+        view->coincident = view->coincident || !(cone.distance_m > 0.0f);
+        avoid->clearance_m = minimum(avoid->clearance_m, cone.distance_m - obstacle->hard_m);
+    }
+    avoid->active = (uint8_t)view->count;
+}
+
+/* Turn to the nearest free heading on one side, direction +1 left, -1 right: goes from cone to cone
+ * until it is inside none. Each cone moves the edge at most once, since the edge only grows and
+ * leaves a cone at its far side; a full turn or more means that no heading is free. */
+static float free_edge(const view_t *view, float direction) {
+    float edge = 0.0f;
+    for (uint32_t pass = 0; pass <= view->count; pass++) {
+        bool moved = false;
+        for (uint32_t i = 0; i < view->count; i++) {
+            const cone_t *cone = &view->cones[i];
+            float inside = edge - direction * cone->centre_rad;
+            if (inside > BERTH_PI) {
+                inside -= TWO_PI;
+            }
+            if (fabsf(inside) - cone->half_rad < -BERTH_FREE_TOLERANCE_RAD) {
+                edge += cone->half_rad - inside;
+                moved = true;
+            }
+        }
+        if (!moved || edge >= TWO_PI) {
+            break;
+        }
+    }
+    return edge;
+}
+
+/* The obstacle that decides the side: of those in the way, one whose side is being kept, else the
+ * one whose skirt is nearest. */
+static const cone_t *deciding_cone(const view_t *view, float left_rad, float right_rad) {
+    const cone_t *nearest = NULL;
+    const cone_t *kept = NULL;
+    float nearest_m = 0.0f;
+    float kept_m = 0.0f;
+    for (uint32_t i = 0; i < view->count; i++) {
+        const cone_t *cone = &view->cones[i];
+        const float distance = cone->distance_m - cone->slot->obstacle.conservative_m;
+        const bool ahead = fabsf(cone->centre_rad) - cone->half_rad < -BERTH_FREE_TOLERANCE_RAD;
+        const bool between = cone->centre_rad < left_rad && cone->centre_rad > -right_rad;
+        if (ahead && (nearest == NULL || distance < nearest_m)) {
+            nearest = cone;
+            nearest_m = distance;
+        }
+        if (between && cone->slot->memory.side != 0 && (kept == NULL || distance < kept_m)) {
+            kept = cone;
+            kept_m = distance;
+        }
+    }
+    return kept != NULL ? kept : nearest;
+}
+
+/* Side that the plan asks for: the way round the obstacle to the reference's first sample beyond
+ * it. 0 when the look-ahead has not found one. */
+static int8_t planned_side(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
+                           const berth_reference_t *reference, const berth_pose_t *pose) {
+    berth_sample_t beyond;
+    if (!lookahead_exit(slot, plan, reference, &beyond)) {
+        return 0;
+    }
+    const float robot_x = pose->x_m - slot->obstacle.x_m;
+    const float robot_y = pose->y_m - slot->obstacle.y_m;
+    const float exit_x = beyond.x_m - slot->obstacle.x_m;
+    const float exit_y = beyond.y_m - slot->obstacle.y_m;
+    const float cross = robot_x * exit_y - robot_y * exit_x;
+    if (cross > 0.0f) {
+        return -1; /* counter-clockwise about the obstacle: it stays on the robot's left */
+    }
+    return cross < 0.0f ? 1 : 0;
+}
+
+/* Everything a step works on. */
+typedef struct {
+    berth_avoid_t *avoid;
+    const berth_plan_t *plan;
+    const berth_reference_t *reference;
+    const berth_pose_t *pose;
+} scene_t;
+
+/* Least speed that keeps the robot going round. */
+static float skirting_speed(const scene_t *scene, float v_mps) {
+    const float v_r = plan_sample_inline(scene->plan, scene->reference->index).v_mps;
+    return maximum(maximum(v_mps, v_r), scene->avoid->config.v_creep_mps);
+}
+
+/* The heading is free: keep it free. */
+static berth_mode_t keep_free(const scene_t *scene, const view_t *view, berth_twist_t *command) {
+    const float turn = command->omega_radps * scene->avoid->period_s;
+    float clamped = turn;
+    if (turn > view->room_left_rad) {
+        clamped = view->room_left_rad;
+    } else if (turn < -view->room_right_rad) {
+        clamped = -view->room_right_rad;
+    } else {
+        return BERTH_MODE_TRACK;
+    }
+    command->omega_radps = clamped / scene->avoid->period_s;
+    command->v_mps = skirting_speed(scene, command->v_mps);
+    return view->conservative ? BERTH_MODE_CONSERVATIVE_GO : BERTH_MODE_REGULATED;
+}
+
+/* Obstacles that are in the way together are passed on the same side, unless one already has its
+ * own: the way between them is not free from here. */
+static void keep_side(const view_t *view, float left_rad, float right_rad, int8_t side) {
+    for (uint32_t i = 0; i < view->count; i++) {
+        const cone_t *cone = &view->cones[i];
+        berth_obstacle_memory_t *memory = &cone->slot->memory;
+        const bool between = cone->centre_rad < left_rad && cone->centre_rad > -right_rad;
+        if (between && memory->side == 0) {
+            memory->side = side;
+        }
+    }
+}
+
+/* Side for the turn at hand. A turn that has begun goes on to its end: the robot stands or nearly
+ * so, and obstacles that ask for different sides must not turn it to and fro. */
+static int8_t choose_side(const scene_t *scene, const view_t *view, float left_rad,
+                          float right_rad) {
+    berth_obstacle_slot_t *slot = deciding_cone(view, left_rad, right_rad)->slot;
+    int8_t side = scene->avoid->turning;
+    if (side == 0) {
+        side = slot->memory.side;
+    }
+    if (side == 0) {
+        side = planned_side(slot, scene->plan, scene->reference, scene->pose);
+    }
+    if (side == 0) {
+        side = left_rad <= right_rad ? 1 : -1;
+    }
+    scene->avoid->turning = side;
+    keep_side(view, left_rad, right_rad, side);
+    slot->memory.side = side;
+    return side;
+}
+
+/* The heading is not free: turn to a free one. */
+static berth_mode_t turn_free(const scene_t *scene, const view_t *view, berth_twist_t *command) {
+    const berth_avoid_t *avoid = scene->avoid;
+    const float left = free_edge(view, 1.0f);
+    const float right = free_edge(view, -1.0f);
+    if (left >= TWO_PI || right >= TWO_PI) {
+        return BERTH_MODE_BLOCKED;
+    }
+    const int8_t side = choose_side(scene, view, left, right);
+    const bool to_left = side > 0;
+    const float edge = to_left ? left : right;
+    const float turn = edge + BERTH_EDGE_MARGIN_RAD;
+    const float omega = minimum(turn / avoid->period_s, avoid->omega_max_radps);
+    command->omega_radps = to_left ? omega : -omega;
+    if (view->conservative) {
+        command->v_mps = 0.0f;
+        return BERTH_MODE_CONSERVATIVE_TURN;
+    }
+    return BERTH_MODE_REGULATED;
+}
+
+/* Caps the speed so that the robot can stop at the hard radius of each obstacle ahead. */
+static void brake(berth_avoid_t *avoid, const view_t *view, berth_twist_t *command) {
+    const float delay = avoid->period_s + avoid->config.tau_s;
+    const float a = avoid->config.a_brake_mps2;
+    for (uint32_t i = 0; i < view->count; i++) {
+        const cone_t *cone = &view->cones[i];
+        const float hard = cone->slot->obstacle.hard_m;
+        if (fabsf(cone->centre_rad) >= berth_asin(hard / cone->distance_m) + BRAKING_MARGIN_RAD) {
+            continue;
+        }
+        const float room = maximum(cone->distance_m - hard, 0.0f);
+        const float cap =
+            a > 0.0f ? a * (sqrtf(delay * delay + 2.0f * room / a) - delay) : room / delay;
+        if (command->v_mps > cap) {
+            command->v_mps = cap;
+            avoid->braking = true;
+        }
+    }
+}
+
+berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles,
+                              const berth_plan_t *plan, const berth_reference_t *reference,
+                              const berth_pose_t *pose, berth_twist_t *command) {
+    view_t view;
+    const scene_t scene = {avoid, plan, reference, pose};
+    look(avoid, obstacles, pose, &view);
+    lookahead_advance(avoid, obstacles, plan, reference, pose);
+    avoid->braking = false;
+    avoid->turning = view.free ? 0 : avoid->turning;
+    if (view.count == 0) {
+        return BERTH_MODE_TRACK;
+    }
+    command->v_mps = maximum(command->v_mps, 0.0f); /* it sees where it is going only ahead */
+    berth_mode_t mode = BERTH_MODE_BLOCKED;
+    if (!view.coincident) {
+        mode = view.free ? keep_free(&scene, &view, command) : turn_free(&scene, &view, command);
+    }
+    if (mode == BERTH_MODE_BLOCKED) {
+        *command = (berth_twist_t){0.0f, 0.0f};
+    } else if (avoid->config.tau_s > 0.0f || avoid->config.a_brake_mps2 > 0.0f) {
+        brake(avoid, &view, command);
+    }
+    return mode;
+}
+
+const char *berth_mode_text(berth_mode_t mode) {
+    static const char *const texts[] = {"track", "regulated", "conservative_turn",
+                                        "conservative_go", "blocked"};
+    const unsigned number = (unsigned)mode;
+    return number <= (unsigned)BERTH_MODE_BLOCKED ? texts[number] : "?";
+}

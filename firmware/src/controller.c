@@ -1,0 +1,187 @@
+#include "berth/controller.h"
+
+#include "check.h"
+#include "error_inline.h"
+#include "lookahead.h"
+#include "plan_inline.h"
+#include "tracker_inline.h"
+
+#include <math.h>
+
+/* On a 32-bit target, with the default capacity: the state has to leave room on small boards. */
+_Static_assert(sizeof(void *) > 4 || BERTH_OBSTACLES_MAX > 16 || sizeof(berth_controller_t) <= 1024,
+               "RAM budget of the controller");
+
+berth_config_t berth_config_default(float wheel_radius_m, float track_m) {
+    return (berth_config_t){
+        .limits =
+            {
+                .wheel_radius_m = wheel_radius_m,
+                .track_m = track_m,
+                .v_max_mps = 0.8f,
+                .omega_max_radps = 3.0f,
+            },
+        .avoid =
+            {
+                .skirt_m = 0.02f,
+                .v_creep_mps = 0.05f,
+            },
+    };
+}
+
+berth_error_t berth_controller_init(berth_controller_t *controller, const berth_plan_t *plan,
+                                    const berth_config_t *config, berth_refusal_t *refusal) {
+    if (controller == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    controller->plan = NULL; /* unusable until all is checked */
+    controller->started = false;
+    if (plan == NULL || config == NULL || refusal == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    berth_error_t error = berth_plan_check(plan, refusal);
+    if (error != BERTH_OK) {
+        return error;
+    }
+    error = berth_avoid_init(&controller->avoid, &config->avoid, &config->limits, plan->period_us,
+                             refusal);
+    if (error != BERTH_OK) {
+        return error;
+    }
+    controller->limits_config = config->limits;
+    berth_limits_reset(&controller->limits);
+    berth_obstacles_clear(&controller->obstacles);
+    if (plan->closed) {
+        controller->hold_gain = (berth_gain_t){{{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}}};
+    } else {
+        berth_riccati_gain(plan, plan->count, &controller->hold_gain);
+    }
+    controller->plan = plan;
+    controller->status = (berth_status_t){.error = BERTH_ERROR_STATE};
+    return BERTH_OK;
+}
+
+berth_error_t berth_controller_add_obstacle(berth_controller_t *controller,
+                                            const berth_obstacle_t *obstacle,
+                                            berth_refusal_t *refusal) {
+    if (controller == NULL || obstacle == NULL || refusal == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    if (controller->plan == NULL) {
+        return BERTH_ERROR_STATE;
+    }
+    berth_error_t error = berth_obstacle_check(obstacle, refusal);
+    if (error == BERTH_OK) {
+        error = berth_avoid_check_obstacle(&controller->avoid, obstacle, refusal);
+    }
+    if (error != BERTH_OK) {
+        refusal->index = controller->obstacles.count;
+        return error;
+    }
+    return berth_obstacles_add(&controller->obstacles, obstacle);
+}
+
+berth_error_t berth_controller_start(berth_controller_t *controller, int64_t now_us) {
+    if (controller == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    if (controller->plan == NULL) {
+        return BERTH_ERROR_STATE;
+    }
+    if (now_us < 0 || now_us > BERTH_TIME_MAX_US) {
+        return BERTH_ERROR_TIME;
+    }
+    berth_reference_start(&controller->reference, controller->plan, now_us);
+    berth_limits_reset(&controller->limits);
+    lookahead_start(&controller->avoid, &controller->obstacles, controller->plan,
+                    &controller->reference);
+    controller->last_us = now_us;
+    controller->started = true;
+    controller->status = (berth_status_t){.clearance_m = BERTH_RADIUS_MAX_M};
+    return BERTH_OK;
+}
+
+/* Why this step must not move the robot, or BERTH_OK. */
+static berth_error_t check_step(const berth_controller_t *controller, int64_t now_us,
+                                const berth_pose_t *pose, const berth_command_t *command) {
+    if (controller->plan == NULL || !controller->started) {
+        return BERTH_ERROR_STATE;
+    }
+    if (controller->status.error != BERTH_OK) {
+        return controller->status.error;
+    }
+    if (pose == NULL || command == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    if (now_us < controller->last_us || now_us > BERTH_TIME_MAX_US) {
+        return BERTH_ERROR_TIME;
+    }
+    const bool good = check_range(pose->x_m, -BERTH_POSITION_MAX_M, BERTH_POSITION_MAX_M) &&
+                      check_range(pose->y_m, -BERTH_POSITION_MAX_M, BERTH_POSITION_MAX_M) &&
+                      check_finite(pose->theta_rad);
+    return good ? BERTH_OK : BERTH_ERROR_POSE;
+}
+
+/* The gain of the current sample: from the table, computed, or the one that holds the last pose. */
+static void current_gain(const berth_controller_t *controller, berth_gain_t *gain) {
+    const berth_plan_t *plan = controller->plan;
+    const uint32_t index = controller->reference.index;
+    if (index >= plan->count) {
+        *gain = controller->hold_gain;
+    } else if (plan->gain_source == BERTH_GAIN_TABLE) {
+        *gain = plan->gains[index];
+    } else {
+        berth_riccati_gain(plan, index, gain);
+    }
+}
+
+/* Error, law, avoidance and limits, for a step that may move the robot. */
+static void control(berth_controller_t *controller, const berth_pose_t *measured,
+                    berth_command_t *command) {
+    berth_status_t *status = &controller->status;
+    const berth_plan_t *plan = controller->plan;
+    const berth_reference_t *reference = &controller->reference;
+    const berth_pose_t pose = {measured->x_m, measured->y_m,
+                               berth_wrap_inline(measured->theta_rad)};
+    berth_gain_t gain;
+    current_gain(controller, &gain);
+    status->sample = plan_sample_inline(plan, reference->index);
+    status->tracking_error = tracking_error_inline(&pose, &status->sample);
+    command->twist = tracker_law_inline(&status->sample, &gain, &status->tracking_error);
+    status->mode = berth_avoid_step(&controller->avoid, &controller->obstacles, plan, reference,
+                                    &pose, &command->twist);
+    status->limited = berth_limits_apply(&controller->limits, &controller->limits_config,
+                                         controller->avoid.period_s,
+                                         status->mode != BERTH_MODE_TRACK, &command->twist);
+    command->wheels = berth_wheels_from_twist(&controller->limits_config, command->twist);
+    status->clearance_m = controller->avoid.clearance_m;
+    status->active = controller->avoid.active;
+    status->braking = controller->avoid.braking;
+    status->index = reference->index;
+    status->skipped = reference->skipped;
+    status->finished = reference->finished;
+}
+
+berth_error_t berth_controller_step(berth_controller_t *controller, int64_t now_us,
+                                    const berth_pose_t *pose, berth_command_t *command) {
+    if (command != NULL) {
+        *command = (berth_command_t){{0.0f, 0.0f}, {0.0f, 0.0f}};
+    }
+    if (controller == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    const berth_error_t error = check_step(controller, now_us, pose, command);
+    if (error != BERTH_OK) {
+        controller->status.error = error;
+        berth_limits_reset(&controller->limits);
+        return error;
+    }
+    controller->last_us = now_us;
+    berth_reference_advance(&controller->reference, controller->plan, now_us);
+    control(controller, pose, command);
+    return BERTH_OK;
+}
+
+const berth_status_t *berth_controller_status(const berth_controller_t *controller) {
+    return &controller->status;
+}

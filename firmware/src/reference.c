@@ -1,0 +1,114 @@
+#include "berth/reference.h"
+
+#include "check.h"
+#include "plan_inline.h"
+
+/* Compared as floats, which hold all of these integers exactly. */
+static bool check_header(const berth_plan_t *plan, berth_refusal_t *refusal) {
+    return check_value(BERTH_FIELD_PLAN_COUNT, (float)plan->count, 1.0f,
+                       (float)BERTH_PLAN_COUNT_MAX, refusal) &&
+           check_value(BERTH_FIELD_PLAN_PERIOD, (float)plan->period_us, (float)BERTH_PERIOD_MIN_US,
+                       (float)BERTH_PERIOD_MAX_US, refusal) &&
+           check_value(BERTH_FIELD_PLAN_HORIZON, (float)plan->mpc.horizon, 1.0f,
+                       (float)BERTH_HORIZON_MAX, refusal) &&
+           check_value(BERTH_FIELD_PLAN_DISCRETIZATION, (float)plan->mpc.discretization, 0.0f,
+                       (float)BERTH_DISCRETIZATION_ZOH, refusal) &&
+           check_value(BERTH_FIELD_PLAN_GAIN_SOURCE, (float)plan->gain_source, 0.0f,
+                       (float)BERTH_GAIN_ONLINE, refusal);
+}
+
+static bool check_sample(const berth_sample_t *sample, berth_refusal_t *refusal) {
+    static const check_rule_t rules[] = {
+        {BERTH_FIELD_SAMPLE_X, false, offsetof(berth_sample_t, x_m), -BERTH_POSITION_MAX_M,
+         BERTH_POSITION_MAX_M},
+        {BERTH_FIELD_SAMPLE_Y, false, offsetof(berth_sample_t, y_m), -BERTH_POSITION_MAX_M,
+         BERTH_POSITION_MAX_M},
+        {BERTH_FIELD_SAMPLE_THETA, false, offsetof(berth_sample_t, theta_rad), -BERTH_PI, BERTH_PI},
+        {BERTH_FIELD_SAMPLE_V, false, offsetof(berth_sample_t, v_mps), -BERTH_SAMPLE_V_MAX_MPS,
+         BERTH_SAMPLE_V_MAX_MPS},
+        {BERTH_FIELD_SAMPLE_OMEGA, false, offsetof(berth_sample_t, omega_radps),
+         -BERTH_SAMPLE_OMEGA_MAX_RADPS, BERTH_SAMPLE_OMEGA_MAX_RADPS},
+    };
+    return check_rules(sample, rules, CHECK_COUNT(rules), refusal);
+}
+
+static bool check_rows(const berth_plan_t *plan, berth_refusal_t *refusal) {
+    for (uint32_t k = 0; k < plan->count; k++) {
+        bool good = check_sample(&plan->samples[k], refusal);
+        if (good && plan->gains != NULL) {
+            for (uint32_t row = 0; good && row < 2; row++) {
+                good = check_vector(BERTH_FIELD_GAIN, plan->gains[k].k[row], 3, -BERTH_GAIN_MAX,
+                                    BERTH_GAIN_MAX, refusal);
+            }
+        }
+        if (!good) {
+            refusal->index = k;
+            return false;
+        }
+    }
+    return true;
+}
+
+berth_error_t berth_plan_check(const berth_plan_t *plan, berth_refusal_t *refusal) {
+    const bool wants_table = plan->gain_source == BERTH_GAIN_TABLE;
+    if (plan->samples == NULL || (plan->gains != NULL) != wants_table) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    const bool good =
+        check_header(plan, refusal) &&
+        check_vector(BERTH_FIELD_PLAN_Q, plan->mpc.q, 3, 0.0f, BERTH_WEIGHT_MAX, refusal) &&
+        check_vector(BERTH_FIELD_PLAN_R, plan->mpc.r, 2, BERTH_WEIGHT_R_MIN, BERTH_WEIGHT_MAX,
+                     refusal) &&
+        check_rows(plan, refusal);
+    return good ? BERTH_OK : BERTH_ERROR_PLAN;
+}
+
+berth_sample_t berth_plan_sample(const berth_plan_t *plan, uint32_t k) {
+    return plan_sample_inline(plan, k);
+}
+
+void berth_reference_start(berth_reference_t *reference, const berth_plan_t *plan, int64_t now_us) {
+    *reference = (berth_reference_t){.next_us = now_us + (plan->period_us + 1u) / 2u};
+}
+
+/* Quotient and remainder for a divisor below 2^20, twelve bits at a time: the compiler's 64-bit
+ * division would cost 700 bytes of flash for a step that is more than an hour late. */
+static uint64_t divide(uint64_t value, uint32_t divisor, uint32_t *remainder) {
+    uint64_t quotient = 0;
+    uint32_t rest = 0;
+    for (int shift = 60; shift >= 0; shift -= 12) {
+        const uint32_t part = (rest << 12) | (uint32_t)((value >> shift) & 0xfffu);
+        quotient = (quotient << 12) | (part / divisor);
+        rest = part % divisor;
+    }
+    *remainder = rest;
+    return quotient;
+}
+
+_Static_assert(BERTH_PERIOD_MAX_US < 1u << 20 && BERTH_PLAN_COUNT_MAX < 1u << 20,
+               "divide() takes divisors below 2^20");
+
+void berth_reference_advance(berth_reference_t *reference, const berth_plan_t *plan,
+                             int64_t now_us) {
+    if (now_us < reference->next_us) {
+        return;
+    }
+    uint32_t into_us; /* how far into the new sample's share of time */
+    uint32_t index;
+    const uint64_t late =
+        divide((uint64_t)(now_us - reference->next_us), plan->period_us, &into_us);
+    reference->next_us = now_us - into_us + plan->period_us;
+    reference->total += (uint32_t)late + 1u;
+    const uint64_t skipped = reference->skipped + late;
+    reference->skipped = skipped > UINT32_MAX ? UINT32_MAX : (uint32_t)skipped;
+    const uint64_t reached = reference->index + late + 1u;
+    if (reached < plan->count) {
+        reference->index = (uint32_t)reached;
+    } else if (plan->closed) {
+        (void)divide(reached, plan->count, &index);
+        reference->index = index;
+    } else {
+        reference->index = plan->count;
+        reference->finished = true;
+    }
+}
