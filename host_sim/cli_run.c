@@ -1,0 +1,170 @@
+#include "cli.h"
+#include "log.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const struct argp_option option_table[] = {
+    {"strategy", CLI_STRATEGY, "S", 0, "Controller; the scenario's own without this option", 0},
+    {"log", CLI_LOG, "FILE.csv", 0, "Write one row a period", 0},
+    CLI_COMMON_OPTIONS,
+    {0},
+};
+
+static error_t parse_option(int key, char *argument, struct argp_state *state) {
+    cli_options_t *options = state->input;
+    switch (key) {
+    case CLI_STRATEGY:
+        options->strategies = argument;
+        return 0;
+    case CLI_LOG:
+        options->log_path = argument;
+        return 0;
+    default:
+        return cli_common_option(key, argument, state, options);
+    }
+}
+
+static const struct argp argp = {
+    .options = option_table,
+    .parser = parse_option,
+    .args_doc = "SCENARIO",
+    .doc = "Simulates one run and prints what it amounted to.\n\n"
+           "SCENARIO is `circle' or `eight' (the built-in experiments) or a YAML file.",
+    .help_filter = cli_help_filter,
+};
+
+/* Where the rows of one run go: --log, --figures, both or neither. */
+typedef struct {
+    run_log_t logs[2];
+    size_t count;
+} sinks_t;
+
+static void on_row(void *context, const run_row_t *row) {
+    sinks_t *sinks = context;
+    for (size_t i = 0; i < sinks->count; ++i) {
+        run_log_row(&sinks->logs[i], row);
+    }
+}
+
+static bool open_sink(sinks_t *sinks, const char *path) {
+    scenario_error_t error;
+    if (path == NULL) {
+        return true;
+    }
+    if (!run_log_open(&sinks->logs[sinks->count], path, &error)) {
+        cli_complain("run", "%s", error.text);
+        return false;
+    }
+    ++sinks->count;
+    return true;
+}
+
+static void discard_sinks(sinks_t *sinks) {
+    for (size_t i = 0; i < sinks->count; ++i) {
+        run_log_discard(&sinks->logs[i]);
+    }
+}
+
+static bool commit_sinks(sinks_t *sinks) {
+    scenario_error_t error;
+    for (size_t i = 0; i < sinks->count; ++i) {
+        if (!run_log_commit(&sinks->logs[i], &error)) {
+            cli_complain("run", "%s", error.text);
+            discard_sinks(sinks);
+            return false;
+        }
+    }
+    return true;
+}
+
+static int simulate(const scenario_t *scenario, uint64_t seed, sinks_t *sinks,
+                    run_summary_t *summary) {
+    scenario_error_t error;
+    run_plan_t plan;
+    if (!run_plan_make(scenario, &plan, &error)) {
+        cli_complain("run", "%s", error.text);
+        return CLI_USAGE;
+    }
+    const run_sink_t sink = {on_row, sinks};
+    const bool ok = run_scenario(scenario, &plan, seed, &sink, summary, &error);
+    run_plan_free(&plan);
+    if (!ok) {
+        cli_complain("run", "%s", error.text);
+        return CLI_USAGE;
+    }
+    return CLI_OK;
+}
+
+static bool print_table(const cli_options_t *options, const scenario_t *scenario,
+                        const run_summary_t *summary) {
+    const summary_column_t column = {scenario->avoidance.strategy, *summary};
+    printf("%s, seed %llu: %ld periods of %g s in %.2g s\n\n", scenario->name,
+           (unsigned long long)options->seed, summary->steps, scenario->period_s, summary->wall_s);
+    summary_print_table(stdout, &column, 1);
+    return fflush(stdout) == 0;
+}
+
+static int report(const cli_options_t *options, const scenario_t *scenario,
+                  const run_summary_t *summary) {
+    const bool printed = options->json ? summary_write_json(stdout, summary_json(summary))
+                                       : print_table(options, scenario, summary);
+    if (!printed) {
+        cli_complain("run", "cannot write the summary: %s", strerror(errno));
+    }
+    return printed && summary->collisions == 0 ? CLI_OK : CLI_FAILED;
+}
+
+/* With the options and the scenario known to be good. */
+static int run_and_report(const cli_options_t *options, const scenario_t *scenario,
+                          char *figure_log) {
+    sinks_t sinks = {0};
+    cli_figure_run_t run = {.log_path = figure_log};
+    snprintf(run.strategy, sizeof run.strategy, "%s", scenario->avoidance.strategy);
+    if (!open_sink(&sinks, options->log_path) || !open_sink(&sinks, figure_log)) {
+        discard_sinks(&sinks);
+        return CLI_USAGE;
+    }
+    const int status = simulate(scenario, options->seed, &sinks, &run.summary);
+    if (status != CLI_OK) {
+        discard_sinks(&sinks);
+        return status;
+    }
+    if (!commit_sinks(&sinks)) {
+        return CLI_FAILED;
+    }
+    if (figure_log != NULL && !cli_figures_draw("run", options->figures, scenario, &run, 1)) {
+        return CLI_FAILED;
+    }
+    return report(options, scenario, &run.summary);
+}
+
+static int run_with(const cli_options_t *options) {
+    scenario_t scenario;
+    if (!cli_load_scenario("run", options, &scenario)) {
+        return CLI_USAGE;
+    }
+    if (options->strategies != NULL &&
+        !cli_choose_strategy("run", options->strategies, &scenario)) {
+        return CLI_USAGE;
+    }
+    if (options->figures == NULL) {
+        return run_and_report(options, &scenario, NULL);
+    }
+    if (!cli_figures_prepare("run", options->figures)) {
+        return CLI_USAGE;
+    }
+    char *path = cli_figures_log_path(options->figures, &scenario, scenario.avoidance.strategy);
+    const int status = path == NULL ? CLI_FAILED : run_and_report(options, &scenario, path);
+    free(path);
+    return status;
+}
+
+int cli_run(int argc, char **argv) {
+    cli_options_t options;
+    cli_parse(&argp, argc, argv, "run", &options);
+    const int status = run_with(&options);
+    free(options.sets);
+    return status;
+}
