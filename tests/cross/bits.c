@@ -1,0 +1,165 @@
+/* Prints a digest of the bits that each part of the firmware computes from a fixed stream of
+ * inputs. Every build, on every target, must print the same lines. */
+#include "berth/berth.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SAMPLES 400
+#define HORIZON 20
+
+static uint32_t stream = 2463534242u;
+
+static uint32_t next_word(void) {
+    stream ^= stream << 13;
+    stream ^= stream >> 17;
+    stream ^= stream << 5;
+    return stream;
+}
+
+/* Uniform in [-1, 1), exact in float32. */
+static float next_unit(void) {
+    return (float)(int32_t)(next_word() >> 8) * (1.0f / 8388608.0f) - 1.0f;
+}
+
+/* Any finite float, of any magnitude. */
+static float next_finite(void) {
+    float value;
+    uint32_t word;
+    do {
+        word = next_word();
+    } while ((word & 0x7f800000u) == 0x7f800000u);
+    memcpy(&value, &word, sizeof value);
+    return value;
+}
+
+/* FNV-1a over the bytes of the floats. */
+static uint64_t digest(uint64_t sum, const float *values, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        uint32_t word;
+        memcpy(&word, &values[i], sizeof word);
+        for (int byte = 0; byte < 4; byte++) {
+            sum = (sum ^ (word & 0xffu)) * UINT64_C(1099511628211);
+            word >>= 8;
+        }
+    }
+    return sum;
+}
+
+static const uint64_t digest_start = UINT64_C(14695981039346656037);
+
+static void report(const char *name, uint64_t sum) {
+    printf("%s %016" PRIx64 "\n", name, sum);
+}
+
+static void angles(void) {
+    uint64_t sum = digest_start;
+    for (int i = 0; i < 300000; i++) {
+        float wild = next_finite();
+        float tame = 4.0f * next_unit();
+        float out[6];
+        out[0] = berth_wrap(wild);
+        berth_sincos(wild, &out[1], &out[2]);
+        out[3] = berth_atan2(tame, next_unit());
+        out[4] = berth_asin(next_unit());
+        out[5] = berth_wrap(tame);
+        sum = digest(sum, out, 6);
+    }
+    report("angle", sum);
+}
+
+static berth_sample_t samples[SAMPLES];
+static berth_gain_t gains[SAMPLES];
+
+static berth_plan_t make_plan(uint8_t discretization) {
+    float theta = 0.0f, x = 0.0f, y = 0.0f;
+    for (uint32_t k = 0; k < SAMPLES; k++) {
+        float v = 0.3f + 0.2f * next_unit(), omega = next_unit(), sine, cosine;
+        samples[k] = (berth_sample_t){x, y, theta, v, omega};
+        berth_sincos(theta, &sine, &cosine);
+        x += 0.05f * v * cosine;
+        y += 0.05f * v * sine;
+        theta = berth_wrap(theta + 0.05f * omega);
+    }
+    return (berth_plan_t){.samples = samples,
+                          .gains = gains,
+                          .count = SAMPLES,
+                          .period_us = 50000,
+                          .mpc = {{10.0f, 40.0f, 1.0f}, {0.5f, 0.1f}, HORIZON, discretization},
+                          .gain_source = BERTH_GAIN_TABLE};
+}
+
+static void fill_gains(const char *name, const berth_plan_t *plan) {
+    uint64_t sum = digest_start;
+    for (uint32_t k = 0; k < SAMPLES; k++) {
+        berth_riccati_gain(plan, k, &gains[k]);
+        sum = digest(sum, &gains[k].k[0][0], 6);
+    }
+    report(name, sum);
+}
+
+static void require(berth_error_t error) {
+    if (error != BERTH_OK) {
+        fprintf(stderr, "bits: %s\n", berth_error_text(error));
+        exit(1);
+    }
+}
+
+static void place_obstacles(berth_controller_t *controller) {
+    for (uint32_t i = 1; i <= 5; i++) {
+        const berth_sample_t *at = &samples[i * 60];
+        float hard = 0.1f + 0.02f * (float)i;
+        berth_obstacle_t obstacle = {at->x_m + 0.1f * next_unit(), at->y_m + 0.1f * next_unit(),
+                                     hard, hard + 0.25f, hard + 0.5f};
+        berth_refusal_t refusal;
+        require(berth_controller_add_obstacle(controller, &obstacle, &refusal));
+    }
+}
+
+/* One Euler step of a robot that obeys. */
+static void move(berth_pose_t *pose, const berth_twist_t *twist) {
+    float sine, cosine;
+    berth_sincos(pose->theta_rad, &sine, &cosine);
+    pose->x_m += 0.05f * twist->v_mps * cosine;
+    pose->y_m += 0.05f * twist->v_mps * sine;
+    pose->theta_rad += 0.05f * twist->omega_radps;
+}
+
+static void closed_loop(const berth_plan_t *plan) {
+    static berth_controller_t controller;
+    berth_config_t config = berth_config_default(0.05f, 0.3f);
+    config.limits.a_max_mps2 = 2.0f;
+    config.avoid.a_brake_mps2 = 2.0f;
+    berth_refusal_t refusal;
+    require(berth_controller_init(&controller, plan, &config, &refusal));
+    place_obstacles(&controller);
+    require(berth_controller_start(&controller, 0));
+
+    uint64_t sum = digest_start;
+    berth_pose_t pose = {0.1f, -0.1f, 0.4f};
+    int modes = 0;
+    for (int64_t step = 0; step < SAMPLES + 40; step++) {
+        berth_command_t command;
+        require(berth_controller_step(&controller, step * 50000, &pose, &command));
+        move(&pose, &command.twist);
+        float out[] = {pose.x_m, pose.y_m, pose.theta_rad, command.wheels.left_radps,
+                       command.wheels.right_radps};
+        sum = digest(sum, out, sizeof out / sizeof *out);
+        modes |= 1 << berth_controller_status(&controller)->mode;
+    }
+    /* Tracking and avoidance must both have been exercised. */
+    printf("modes %d\n", modes);
+    report("closed_loop", sum);
+}
+
+int main(void) {
+    angles();
+    berth_plan_t zoh = make_plan(BERTH_DISCRETIZATION_ZOH);
+    fill_gains("riccati_zoh", &zoh);
+    berth_plan_t plan = make_plan(BERTH_DISCRETIZATION_EULER);
+    fill_gains("riccati_euler", &plan);
+    closed_loop(&plan);
+    return 0;
+}

@@ -1,0 +1,75 @@
+"""Arrows point one way: host_sim -> firmware -> hal/include <- hal/<platform>."""
+
+import re
+
+import pytest
+
+from tree import FIRMWARE, ROOT, files, name
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
+FIRMWARE_SYSTEM = {"stdint.h", "stdbool.h", "stddef.h", "math.h"}
+PUBLIC = {name_.name for name_ in files(".h", under=FIRMWARE / "include" / "berth")}
+HAL_INCLUDE = ROOT / "hal" / "include"
+
+
+def includes(path):
+    return INCLUDE.findall(path.read_text())
+
+
+def is_public(header):
+    return header.startswith("berth/") and header[len("berth/") :] in PUBLIC
+
+
+def is_hal(header):
+    return (HAL_INCLUDE / header).is_file()
+
+
+def firmware_may(path, kind, header):
+    if kind == "<":
+        return header in FIRMWARE_SYSTEM
+    beside = "/" not in header and (path.parent / header).is_file()
+    public_header = path.is_relative_to(FIRMWARE / "include")
+    return is_public(header) or is_hal(header) or (beside and not public_header)
+
+
+FIRMWARE_FILES = files(".c", ".h", under=FIRMWARE / "src") + files(
+    ".h", under=FIRMWARE / "include"
+)
+
+
+@pytest.mark.parametrize("path", FIRMWARE_FILES, ids=name)
+def test_firmware_includes_only_itself_and_four_system_headers(path):
+    foreign = [header for kind, header in includes(path) if not firmware_may(path, kind, header)]
+    assert foreign == []
+
+
+@pytest.mark.parametrize("path", files(".h", under=HAL_INCLUDE) or [None], ids=str)
+def test_hal_contract_includes_only_itself(path):
+    if path is None:
+        pytest.skip("there is no hal/include yet")
+    foreign = [
+        header
+        for kind, header in includes(path)
+        if not (header in FIRMWARE_SYSTEM if kind == "<" else is_hal(header))
+    ]
+    assert foreign == []
+
+
+@pytest.mark.parametrize("path", files(".c", ".h", under=ROOT / "host_sim"), ids=name)
+def test_simulator_uses_only_the_public_firmware(path):
+    """Quoted headers lie in host_sim, firmware/include or hal/include: no private ones."""
+    foreign = [
+        header
+        for kind, header in includes(path)
+        if kind == '"'
+        and not ((path.parent / header).is_file() or is_public(header) or is_hal(header))
+    ]
+    assert foreign == []
+
+
+def test_the_rule_catches_a_violation():
+    path = FIRMWARE / "src" / "angle.c"
+    assert not firmware_may(path, "<", "stdio.h")
+    assert not firmware_may(path, '"', "../../host_sim/plant.h")
+    assert not firmware_may(path, '"', "plant.h")
+    assert firmware_may(path, "<", "math.h")
