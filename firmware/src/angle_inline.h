@@ -97,16 +97,16 @@ static inline float angle_atan_ratio(float num, float den) {
 }
 
 static inline float berth_atan2_inline(float y, float x) {
-    if (fabsf(y) <= fabsf(x)) {
-        if (x > 0.0f) {
-            return angle_atan_ratio(y, x);
-        }
-        if (x < 0.0f) {
-            return angle_with_sign(BERTH_PI, y) + angle_atan_ratio(y, x);
-        }
-        return y; /* both are zero */
+    if (fabsf(y) > fabsf(x)) {
+        return angle_with_sign(ANGLE_HALF_PI, y) - angle_atan_ratio(x, y);
     }
-    return angle_with_sign(ANGLE_HALF_PI, y) - angle_atan_ratio(x, y);
+    if (x > 0.0f) {
+        return angle_atan_ratio(y, x);
+    }
+    if (x < 0.0f) {
+        return angle_with_sign(BERTH_PI, y) + angle_atan_ratio(y, x);
+    }
+    return x == 0.0f ? y : x; /* both are zero, or one is NaN */
 }
 
 /* arcsin(s) = s + s z P(z), z = s^2. Least maximum relative error over [0, 1/2]: 9e-8. */
