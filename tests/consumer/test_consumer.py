@@ -90,7 +90,8 @@ def test_version_is_checked(prefix, tmp_path):
         "cmake_minimum_required(VERSION 3.25)\nproject(p C)\nfind_package(berth 0.2 REQUIRED)\n"
     )
     done = subprocess.run(
-        ["cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}"],
+        ["cmake", "-S", tmp_path, "-B", tmp_path / "build", "-G", "Ninja",
+         f"-DCMAKE_PREFIX_PATH={prefix}"],
         capture_output=True,
         text=True,
     )
