@@ -149,7 +149,7 @@ static void test_an_obstacle_added_later_is_scanned_for(void) {
     start();
     step();
     add_on_line(200, 5);
-    const uint32_t steps = (206 + BERTH_SCAN_PER_STEP - 1) / BERTH_SCAN_PER_STEP;
+    const uint32_t steps = (206 + BERTH_SCAN_PER_STEP_MIN - 1) / BERTH_SCAN_PER_STEP_MIN;
     for (uint32_t i = 0; i < steps; i++) {
         expect_none(0);
         step();
@@ -390,7 +390,8 @@ static void follow(watch_t *watch, uint32_t i) {
  * the robot outside; then nothing is known for as long as the scan takes to catch up. */
 static void compare(watch_t *watch, uint32_t i) {
     const uint32_t turns = obstacles.count;
-    const uint32_t catch_up = 2u * turns * (BERTH_SCAN_AHEAD / BERTH_SCAN_PER_STEP + 1u);
+    /* each turn gains on the reference; the plan's last row ends a turn early */
+    const uint32_t catch_up = 2u * turns * (BERTH_SCAN_AHEAD / (BERTH_SCAN_PER_STEP_MIN / 2) + 1u);
     const berth_obstacle_slot_t *slot = &obstacles.slots[i];
     berth_sample_t beyond;
     follow(watch, i);
@@ -426,7 +427,8 @@ static void test_agrees_with_a_plain_scan(void) {
         behind += watch.behind;
     }
     printf("%u answers agree, %u are behind\n", agreed, behind);
-    TEST_ASSERT_LESS_THAN_UINT32(agreed / 10, behind);
+    /* these scenes pass an exit every few steps, and a slot sees that only in its turn */
+    TEST_ASSERT_LESS_THAN_UINT32(agreed / 8, behind);
 }
 
 /* Samples looked at in a step: those that cursors move over, and one for each exit found. */
@@ -453,10 +455,11 @@ static uint32_t samples_looked_at(void) {
     return looked_at;
 }
 
-/* Two samples an obstacle, within the least and the most. */
+/* What keeps up with the reference until the obstacle's next turn and gains on it, within the least
+ * and the most. */
 static uint32_t budget_for(uint32_t count) {
     const uint32_t wanted = 2 * count;
-    const uint32_t least = BERTH_SCAN_PER_STEP;
+    const uint32_t least = BERTH_SCAN_PER_STEP_MIN;
     const uint32_t most = BERTH_SCAN_PER_STEP_MAX;
     return wanted < least ? least : wanted > most ? most : wanted;
 }

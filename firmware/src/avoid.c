@@ -254,7 +254,9 @@ typedef struct {
 
 /* Least speed that keeps the robot going round. */
 static float skirting_speed(const scene_t *scene, float v_mps) {
-    const float v_r = plan_sample_inline(scene->plan, scene->reference->index).v_mps;
+    berth_sample_t sample;
+    plan_sample_inline(scene->plan, scene->reference->index, &sample);
+    const float v_r = sample.v_mps;
     return maximum(maximum(v_mps, v_r), scene->avoid->config.v_creep_mps);
 }
 
@@ -303,8 +305,8 @@ static int8_t choose_side(const scene_t *scene, const view_t *view, float left_r
         side = left_rad <= right_rad ? 1 : -1;
     }
     scene->avoid->turning = side;
-    keep_side(view, left_rad, right_rad, side);
     slot->memory.side = side;
+    keep_side(view, left_rad, right_rad, side);
     return side;
 }
 
@@ -317,11 +319,9 @@ static berth_mode_t turn_free(const scene_t *scene, const view_t *view, berth_tw
         return BERTH_MODE_BLOCKED;
     }
     const int8_t side = choose_side(scene, view, left, right);
-    const bool to_left = side > 0;
-    const float edge = to_left ? left : right;
-    const float turn = edge + BERTH_EDGE_MARGIN_RAD;
+    const float turn = (side > 0 ? left : right) + BERTH_EDGE_MARGIN_RAD;
     const float omega = minimum(turn / avoid->period_s, avoid->omega_max_radps);
-    command->omega_radps = to_left ? omega : -omega;
+    command->omega_radps = (float)side * omega;
     if (view->conservative) {
         command->v_mps = 0.0f;
         return BERTH_MODE_CONSERVATIVE_TURN;
@@ -355,9 +355,14 @@ berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles
     view_t view;
     const scene_t scene = {avoid, plan, reference, pose};
     look(avoid, obstacles, pose, &view);
-    lookahead_advance(avoid, obstacles, plan, reference, pose);
     avoid->braking = false;
-    avoid->turning = view.free ? 0 : avoid->turning;
+    if (view.free) {
+        avoid->turning = 0;
+    }
+    if (avoid->turning == 0) {
+        /* a turn under way needs no look-ahead, and its steps are the dear ones */
+        lookahead_advance(avoid, obstacles, plan, reference, pose);
+    }
     if (view.count == 0) {
         return BERTH_MODE_TRACK;
     }

@@ -13,10 +13,6 @@ static inline bool check_range(float value, float minimum, float maximum) {
     return value >= minimum && value <= maximum;
 }
 
-static inline bool check_finite(float value) {
-    return check_range(value, -CHECK_FLOAT_MAX, CHECK_FLOAT_MAX);
-}
-
 /* One float of a struct and the range that it must be in. Tables of these are constant data, which
  * takes a third of the flash that the same checks take as code. */
 typedef struct {

@@ -116,23 +116,25 @@ static berth_error_t check_step(const berth_controller_t *controller, int64_t no
     if (now_us < controller->last_us || now_us > BERTH_TIME_MAX_US) {
         return BERTH_ERROR_TIME;
     }
-    const bool good = check_range(pose->x_m, -BERTH_POSITION_MAX_M, BERTH_POSITION_MAX_M) &&
-                      check_range(pose->y_m, -BERTH_POSITION_MAX_M, BERTH_POSITION_MAX_M) &&
-                      check_finite(pose->theta_rad);
+    const bool good = fabsf(pose->x_m) <= BERTH_POSITION_MAX_M &&
+                      fabsf(pose->y_m) <= BERTH_POSITION_MAX_M &&
+                      fabsf(pose->theta_rad) <= CHECK_FLOAT_MAX;
     return good ? BERTH_OK : BERTH_ERROR_POSE;
 }
 
-/* The gain of the current sample: from the table, computed, or the one that holds the last pose. */
-static void current_gain(const berth_controller_t *controller, berth_gain_t *gain) {
+/* The gain of the current sample: in the table, computed, or the one that holds the last pose. */
+static const berth_gain_t *current_gain(const berth_controller_t *controller,
+                                        berth_gain_t *computed) {
     const berth_plan_t *plan = controller->plan;
     const uint32_t index = controller->reference.index;
     if (index >= plan->count) {
-        *gain = controller->hold_gain;
-    } else if (plan->gain_source == BERTH_GAIN_TABLE) {
-        *gain = plan->gains[index];
-    } else {
-        berth_riccati_gain(plan, index, gain);
+        return &controller->hold_gain;
     }
+    if (plan->gain_source == BERTH_GAIN_TABLE) {
+        return &plan->gains[index];
+    }
+    berth_riccati_gain(plan, index, computed);
+    return computed;
 }
 
 /* Error, law, avoidance and limits, for a step that may move the robot. */
@@ -143,11 +145,11 @@ static void control(berth_controller_t *controller, const berth_pose_t *measured
     const berth_reference_t *reference = &controller->reference;
     const berth_pose_t pose = {measured->x_m, measured->y_m,
                                berth_wrap_inline(measured->theta_rad)};
-    berth_gain_t gain;
-    current_gain(controller, &gain);
-    status->sample = plan_sample_inline(plan, reference->index);
+    berth_gain_t computed;
+    const berth_gain_t *gain = current_gain(controller, &computed);
+    plan_sample_inline(plan, reference->index, &status->sample);
     status->tracking_error = tracking_error_inline(&pose, &status->sample);
-    command->twist = tracker_law_inline(&status->sample, &gain, &status->tracking_error);
+    command->twist = tracker_law_inline(&status->sample, gain, &status->tracking_error);
     status->mode = berth_avoid_step(&controller->avoid, &controller->obstacles, plan, reference,
                                     &pose, &command->twist);
     status->limited = berth_limits_apply(&controller->limits, &controller->limits_config,

@@ -2,14 +2,12 @@
 
 #include "plan_inline.h"
 
-/* Obstacles whose scan may go on in one step. */
-#define SLOTS_PER_STEP 2u
-
 enum { SCAN_NEW = 0, SCAN_SEEKS_INSIDE, SCAN_SEEKS_OUTSIDE, SCAN_FOUND };
 
 _Static_assert(BERTH_SCAN_AHEAD > 0 && BERTH_SCAN_AHEAD <= 32767,
                "offsets from the current sample are compared as signed numbers");
-_Static_assert(BERTH_SCAN_PER_STEP > 0 && BERTH_SCAN_PER_STEP <= BERTH_SCAN_PER_STEP_MAX,
+_Static_assert(BERTH_OBSTACLES_MAX < 256, "slots are numbered in 8 bits");
+_Static_assert(BERTH_SCAN_PER_STEP_MIN > 0 && BERTH_SCAN_PER_STEP_MAX <= 32,
                "the look-ahead's share of a step is bounded by contract");
 
 static bool outside(const berth_obstacle_t *obstacle, float x_m, float y_m) {
@@ -24,30 +22,56 @@ static int32_t offset(const berth_obstacle_slot_t *slot, const berth_reference_t
     return (int32_t)(slot->memory.cursor - reference->total);
 }
 
-/* Scans on until the exit, the horizon, the end of an open plan or the budget is reached. Returns
- * how many samples it looked at. */
+/* Number of samples from the first one on, of at most run, that are all outside (or all inside).
+ * This loop is most of what the look-ahead costs. */
+static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth_sample_t *first,
+                                   uint32_t run, bool are_outside) {
+    const float x = obstacle->x_m;
+    const float y = obstacle->y_m;
+    const float square = obstacle->regulated_m * obstacle->regulated_m;
+    const berth_sample_t *sample = first;
+    const berth_sample_t *const end = first + run;
+    for (; sample != end; sample++) {
+        const float dx = x - sample->x_m;
+        const float dy = y - sample->y_m;
+        if ((dx * dx + dy * dy > square) != are_outside) {
+            break;
+        }
+    }
+    return (uint32_t)(sample - first);
+}
+
+/* Scans on until the exit, the horizon, the plan's last row or the budget is reached. Returns how
+ * many samples it looked at. */
 static uint32_t scan(berth_obstacle_slot_t *slot, const berth_plan_t *plan,
                      const berth_reference_t *reference, uint32_t budget) {
     berth_obstacle_memory_t *memory = &slot->memory;
-    uint32_t ahead = (uint32_t)offset(slot, reference);
+    const uint32_t ahead = (uint32_t)offset(slot, reference);
+    uint32_t k = reference->index + ahead;
+    if (k >= plan->count) {
+        if (!plan->closed) {
+            return 0; /* the held pose after the end cannot leave what it is in */
+        }
+        k %= plan->count;
+    }
+    uint32_t run = ahead < BERTH_SCAN_AHEAD ? BERTH_SCAN_AHEAD - ahead : 0;
+    run = run < budget ? run : budget;
+    run = run < plan->count - k ? run : plan->count - k;
+    const berth_sample_t *samples = &plan->samples[k];
     uint32_t used = 0;
-    while (used < budget && ahead < BERTH_SCAN_AHEAD) {
-        const uint32_t k = reference->index + ahead;
-        if (!plan->closed && k >= plan->count) {
-            break; /* the held pose cannot leave what it is in */
-        }
-        const berth_sample_t *sample = &plan->samples[k < plan->count ? k : k % plan->count];
-        const bool is_outside = outside(&slot->obstacle, sample->x_m, sample->y_m);
-        used++;
-        if (memory->scan == SCAN_SEEKS_OUTSIDE && is_outside) {
-            memory->scan = SCAN_FOUND;
-            break; /* the cursor stays on the exit */
-        }
-        if (!is_outside) {
+    if (memory->scan == SCAN_SEEKS_INSIDE) {
+        used = count_alike(&slot->obstacle, samples, run, true);
+        if (used < run) {
             memory->scan = SCAN_SEEKS_OUTSIDE;
         }
-        ahead++;
-        memory->cursor++;
+    }
+    if (memory->scan == SCAN_SEEKS_OUTSIDE) {
+        used += count_alike(&slot->obstacle, &samples[used], run - used, false);
+    }
+    memory->cursor += used;
+    if (used < run) {
+        memory->scan = SCAN_FOUND; /* the cursor stays on the exit */
+        used++;
     }
     return used;
 }
@@ -75,26 +99,29 @@ void lookahead_start(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const b
         berth_obstacle_slot_t *slot = &obstacles->slots[i];
         slot->memory =
             (berth_obstacle_memory_t){.scan = SCAN_SEEKS_INSIDE, .cursor = reference->total};
-        (void)scan(slot, plan, reference, BERTH_SCAN_AHEAD);
+        uint32_t used = 1;
+        for (uint32_t left = BERTH_SCAN_AHEAD; left > 0 && used > 0; left -= used) {
+            used = slot->memory.scan == SCAN_FOUND ? 0 : scan(slot, plan, reference, left);
+        }
     }
 }
 
 void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_plan_t *plan,
                        const berth_reference_t *reference, const berth_pose_t *pose) {
-    const uint32_t slots = obstacles->count < SLOTS_PER_STEP ? obstacles->count : SLOTS_PER_STEP;
-    uint32_t budget = 2u * obstacles->count;
-    budget = budget < BERTH_SCAN_PER_STEP ? BERTH_SCAN_PER_STEP : budget;
-    budget = budget > BERTH_SCAN_PER_STEP_MAX ? BERTH_SCAN_PER_STEP_MAX : budget;
-    for (uint32_t i = 0; i < slots && budget > 0; i++) {
-        if (avoid->scan_next >= obstacles->count) {
-            avoid->scan_next = 0;
-        }
-        berth_obstacle_slot_t *slot = &obstacles->slots[avoid->scan_next];
-        renew(slot, reference, pose);
-        if (slot->memory.scan != SCAN_FOUND) {
-            budget -= scan(slot, plan, reference, budget);
-        }
-        avoid->scan_next++;
+    const uint32_t count = obstacles->count;
+    if (count == 0) {
+        return;
+    }
+    const uint32_t next = avoid->scan_next < count ? avoid->scan_next : 0;
+    berth_obstacle_slot_t *slot = &obstacles->slots[next];
+    avoid->scan_next = (uint8_t)(next + 1u);
+    renew(slot, reference, pose);
+    if (slot->memory.scan != SCAN_FOUND) {
+        /* by the slot's next turn the reference has gone on by count samples */
+        uint32_t budget = 2u * count;
+        budget = budget > BERTH_SCAN_PER_STEP_MIN ? budget : BERTH_SCAN_PER_STEP_MIN;
+        budget = budget < BERTH_SCAN_PER_STEP_MAX ? budget : BERTH_SCAN_PER_STEP_MAX;
+        (void)scan(slot, plan, reference, budget);
     }
 }
 
@@ -111,6 +138,6 @@ bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
         k = (int32_t)reference->index + offset(slot, reference);
         k = k < 0 ? k % count + count : k;
     }
-    *beyond = plan_sample_inline(plan, (uint32_t)k);
+    plan_sample_inline(plan, (uint32_t)k, beyond);
     return true;
 }

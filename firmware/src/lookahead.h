@@ -14,7 +14,7 @@
 void lookahead_start(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_plan_t *plan,
                      const berth_reference_t *reference);
 
-/* One step: a bounded number of samples over a few obstacles in turn. An exit that the
+/* One step: a bounded number of samples for one obstacle, each in turn. An exit that the
  * reference has passed is dropped once the robot is outside the regulated radius too. */
 void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_plan_t *plan,
                        const berth_reference_t *reference, const berth_pose_t *pose);

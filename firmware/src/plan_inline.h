@@ -13,17 +13,22 @@ static inline float plan_period_s(const berth_plan_t *plan) {
     return (float)plan->period_us / 1.0e6f;
 }
 
-static inline berth_sample_t plan_sample_inline(const berth_plan_t *plan, uint32_t k) {
+/* Row of a sample that is within the plan or, in a closed one, laps beyond it; the last row past
+ * the end of an open plan, whose velocities do not hold there. */
+static inline const berth_sample_t *plan_row_inline(const berth_plan_t *plan, uint32_t k) {
     if (k < plan->count) {
-        return plan->samples[k];
+        return &plan->samples[k];
     }
-    if (plan->closed) {
-        return plan->samples[k % plan->count];
+    return &plan->samples[plan->closed ? k % plan->count : plan->count - 1];
+}
+
+static inline void plan_sample_inline(const berth_plan_t *plan, uint32_t k,
+                                      berth_sample_t *sample) {
+    *sample = *plan_row_inline(plan, k);
+    if (k >= plan->count && !plan->closed) {
+        sample->v_mps = 0.0f;
+        sample->omega_radps = 0.0f;
     }
-    berth_sample_t hold = plan->samples[plan->count - 1];
-    hold.v_mps = 0.0f;
-    hold.omega_radps = 0.0f;
-    return hold;
 }
 
 #endif

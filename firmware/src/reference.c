@@ -64,7 +64,9 @@ berth_error_t berth_plan_check(const berth_plan_t *plan, berth_refusal_t *refusa
 }
 
 berth_sample_t berth_plan_sample(const berth_plan_t *plan, uint32_t k) {
-    return plan_sample_inline(plan, k);
+    berth_sample_t sample;
+    plan_sample_inline(plan, k, &sample);
+    return sample;
 }
 
 void berth_reference_start(berth_reference_t *reference, const berth_plan_t *plan, int64_t now_us) {
@@ -93,11 +95,15 @@ void berth_reference_advance(berth_reference_t *reference, const berth_plan_t *p
     if (now_us < reference->next_us) {
         return;
     }
-    uint32_t into_us; /* how far into the new sample's share of time */
+    uint64_t late_us = (uint64_t)(now_us - reference->next_us);
+    uint64_t late = 0; /* whole periods */
     uint32_t index;
-    const uint64_t late =
-        divide((uint64_t)(now_us - reference->next_us), plan->period_us, &into_us);
-    reference->next_us = now_us - into_us + plan->period_us;
+    if (late_us >= plan->period_us) { /* off the usual path, which has no division */
+        uint32_t into_us;
+        late = divide(late_us, plan->period_us, &into_us);
+        late_us = into_us;
+    }
+    reference->next_us = now_us - (int64_t)late_us + plan->period_us;
     reference->total += (uint32_t)late + 1u;
     const uint64_t skipped = reference->skipped + late;
     reference->skipped = skipped > UINT32_MAX ? UINT32_MAX : (uint32_t)skipped;

@@ -70,15 +70,14 @@ extern "C" {
  * float32: one micrometre. */
 #define BERTH_RADIUS_SLACK_M 1.0e-6f
 
-/* Look-ahead for the choice of side: how far along the reference, and how many samples a step: the
- * least budget, and where there are more obstacles two for each, so that the scan gains on the
- * reference, but never more than the most. */
+/* Look-ahead for the choice of side: how far along the reference, and how many samples a step. A
+ * step serves one obstacle, each in turn, with two samples for each obstacle that there is: one
+ * keeps up with the reference and one gains on it; never fewer than the least nor more than the
+ * most. */
 #ifndef BERTH_SCAN_AHEAD
 #define BERTH_SCAN_AHEAD 400
 #endif
-#ifndef BERTH_SCAN_PER_STEP
-#define BERTH_SCAN_PER_STEP 16
-#endif
+#define BERTH_SCAN_PER_STEP_MIN 16
 #define BERTH_SCAN_PER_STEP_MAX 32
 
 typedef enum {
