@@ -1,7 +1,8 @@
 """Instructions of one closed-loop step by function, counted by callgrind.
 
 step_cost.py [--check]: prints the table; with --check also compares the total with the budget in
-tools/budgets/host.json and exits with status 1 when it is exceeded. BERTH_SIM names the program;
+tools/budgets/host.json and the figures in README.md, and exits with status 1 when the budget is
+exceeded or the page is off by more than 5 %. BERTH_SIM names the program;
 without it the gcc-release preset's is taken.
 """
 
@@ -59,6 +60,15 @@ def parse(listing):
     return functions
 
 
+def page_figures():
+    """(all, firmware) as README.md has them."""
+    line = re.search(r"^\| x86-64 instructions[^|]*\| ([\d,]+); ([\d,]+) \|",
+                     (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    if line is None:
+        sys.exit("step_cost: README.md has no line on instructions of a step")
+    return [int(figure.replace(",", "")) for figure in line.groups()]
+
+
 def show(steps, functions):
     total = sum(functions.values())
     print(f"Instructions a closed-loop step (x86-64, callgrind, {steps} steps):\n")
@@ -73,18 +83,23 @@ def show(steps, functions):
     for (function, part), instructions in ranked[:SHOWN]:
         share = 100 * instructions / total
         print(f"  {function:<34}{part:<12}{instructions / steps:9.1f}  {share:5.1f} %")
-    return total / steps
+    return total / steps, by_part.get("firmware", 0) / steps
 
 
 def main():
     check = sys.argv[1:] == ["--check"]
     budget = json.loads(BUDGET.read_text())
-    per_step = show(*count(simulator(), budget["runs"], budget["seed"]))
+    per_step, firmware = show(*count(simulator(), budget["runs"], budget["seed"]))
     limit = budget["instructions_per_step_max"]
     verdict = "within" if per_step <= limit else "OVER"
     print(f"\n{per_step:.1f} instructions a step: {verdict} the budget of {limit} "
           f"({BUDGET.relative_to(ROOT)})")
-    return 1 if check and per_step > limit else 0
+    page = page_figures()
+    stale = any(abs(figure / measured - 1.0) > 0.05
+                for figure, measured in zip(page, (per_step, firmware)))
+    if stale:
+        print(f"README.md has {page[0]} and {page[1]}: more than 5 % off")
+    return 1 if check and (per_step > limit or stale) else 0
 
 
 if __name__ == "__main__":
