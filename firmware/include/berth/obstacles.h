@@ -15,8 +15,10 @@
 extern "C" {
 #endif
 
-/* Capacity. It bounds the worst case of a step: each active obstacle costs up to one pass over the
- * active ones when the heading is not free. */
+/* Capacity, 1 to 255. It bounds the worst case of a step: each active obstacle costs up to one pass
+ * over the active ones when the heading is not free. It is part of the layout of the structs:
+ * define it alike for the library and for all that includes this header. Up to 32 obstacles the
+ * look-ahead of avoid.h keeps up with the reference. */
 #ifndef BERTH_OBSTACLES_MAX
 #define BERTH_OBSTACLES_MAX 16
 #endif
