@@ -302,6 +302,60 @@ static void check_normal_manoeuvre(const scenario_t *scenario, long k) {
     TEST_ASSERT_TRUE(distance(obstacle, &rows[k]) > obstacle->conservative_m);
 }
 
+/* One obstacle on the circle at 1.5 rad: the reference gets there after 5 s. */
+static scenario_t scenario_with_one_in_the_way(void) {
+    scenario_t scenario = scenario_of(SHAPE_CIRCLE, 15.0);
+    add_obstacle(&scenario, 1.5, 1.02, 0.1);
+    return scenario;
+}
+
+static long steps_standing(void) {
+    long count = 0;
+    for (long k = 0; k < row_count; k++) {
+        count += fabs(rows[k].output.v_mps) < 1.0e-3 ? 1 : 0;
+    }
+    return count;
+}
+
+static void test_none_tracks_through_the_obstacle(void) {
+    const scenario_t scenario = scenario_with_one_in_the_way();
+    run("none", &scenario, SEED);
+    TEST_ASSERT_EQUAL(row_count, steps_in_mode(BERTH_MODE_TRACK));
+    TEST_ASSERT_TRUE(least_clearance() < -0.05);
+    TEST_ASSERT_TRUE(peak_error_from(0.0) < 0.01);
+}
+
+/* Stands while it turns, then goes, and never regulates. */
+static void test_conservative_turns_and_goes(void) {
+    const scenario_t scenario = scenario_with_one_in_the_way();
+    run("conservative", &scenario, SEED);
+    TEST_ASSERT_TRUE(least_clearance() > 0.06); /* C - R - v_max T */
+    TEST_ASSERT_TRUE(steps_in_mode(BERTH_MODE_CONSERVATIVE_TURN) > 0);
+    TEST_ASSERT_TRUE(steps_in_mode(BERTH_MODE_CONSERVATIVE_GO) > 0);
+    TEST_ASSERT_EQUAL(0, steps_in_mode(BERTH_MODE_REGULATED));
+    for (long k = 0; k < row_count; k++) {
+        const strategy_output_t *output = &rows[k].output;
+        if (output->mode == BERTH_MODE_CONSERVATIVE_TURN) {
+            TEST_ASSERT_TRUE(output->v_mps == 0.0 && output->omega_radps != 0.0);
+        } else if (output->mode == BERTH_MODE_CONSERVATIVE_GO) {
+            TEST_ASSERT_TRUE(output->v_mps >= 0.3 - 1.0e-6); /* the reference's speed */
+        }
+    }
+    TEST_ASSERT_TRUE(peak_error_from(12.0) < 0.01);
+}
+
+/* Steers round on the skirt without standing, and acts before the conservative radius. */
+static void test_combined_steers_round_without_standing(void) {
+    const scenario_t scenario = scenario_with_one_in_the_way();
+    run("combined", &scenario, SEED);
+    TEST_ASSERT_TRUE(least_clearance() > 0.1); /* C - R: it does not enter C here */
+    TEST_ASSERT_TRUE(least_clearance() < 0.13);
+    TEST_ASSERT_TRUE(steps_in_mode(BERTH_MODE_REGULATED) > 0);
+    TEST_ASSERT_EQUAL(0, steps_in_mode(BERTH_MODE_CONSERVATIVE_TURN));
+    TEST_ASSERT_EQUAL(0, steps_standing());
+    TEST_ASSERT_TRUE(peak_error_from(12.0) < 0.01);
+}
+
 static void test_normal_stops_turns_a_right_angle_and_drives_straight(void) {
     for (int outside = 0; outside < 2; outside++) {
         scenario_t scenario = scenario_of(SHAPE_CIRCLE, 20.0);
@@ -479,6 +533,9 @@ int main(void) {
     RUN_TEST(test_all_stay_at_the_end_of_the_plan);
     RUN_TEST(test_refusals_name_the_key_and_the_range);
     RUN_TEST(test_regulated_radius_covers_the_skirt);
+    RUN_TEST(test_none_tracks_through_the_obstacle);
+    RUN_TEST(test_conservative_turns_and_goes);
+    RUN_TEST(test_combined_steers_round_without_standing);
     RUN_TEST(test_normal_stops_turns_a_right_angle_and_drives_straight);
     RUN_TEST(test_normal_keeps_clear_of_overlapping_obstacles);
     RUN_TEST(test_kanayama_converges_from_many_starts);
