@@ -1,15 +1,14 @@
 #include "campaign.h"
 
 #include "berth/angle.h"
+#include "reference_source.h"
 #include "refusal.h"
 #include "rng.h"
 
-#include <errno.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
-#include <string.h>
 #include <time.h>
 
 /* The distribution of scenes. */
@@ -28,18 +27,8 @@
 #define TRIES 100000
 #define RUNS_PER_CLAIM 16
 
-/* Positions of the two shapes, as the reference has them. */
-static void shape_point(shape_t shape, double t_s, double *x_m, double *y_m) {
-    if (shape == SHAPE_CIRCLE) {
-        *x_m = cos(0.3 * t_s);
-        *y_m = sin(0.3 * t_s);
-    } else {
-        *x_m = 1.8 * sin(0.15 * t_s);
-        *y_m = 1.2 * sin(0.30 * t_s);
-    }
-}
-
-/* The clearance condition: what C - R must be at least. */
+/* The clearance condition: what C - R must be at least. Should it fall behind the firmware's own,
+ * the firmware refuses the scenes. */
 static double clearance_needed(const scenario_t *scenario) {
     const double v = scenario->robot.v_max_mps;
     const double a = scenario->plant.a_max_mps2;
@@ -58,14 +47,15 @@ static bool draw_obstacle(const scenario_t *scene, rng_t *rng, scenario_obstacle
     for (int i = 0; i < TRIES; i++) {
         double x;
         double y;
+        double theta;
         const double t_s =
             rng_uniform(rng, CENTRE_AFTER_START_S, scene->duration_s - CENTRE_BEFORE_END_S);
-        shape_point(shape, floor(t_s / scene->period_s) * scene->period_s, &x, &y);
+        reference_shape_pose(shape, floor(t_s / scene->period_s) * scene->period_s, &x, &y, &theta);
         obstacle->x_m = x + CENTRE_SPREAD_M * rng_normal(rng);
         obstacle->y_m = y + CENTRE_SPREAD_M * rng_normal(rng);
-        shape_point(shape, 0.0, &x, &y);
+        reference_shape_pose(shape, 0.0, &x, &y, &theta);
         const double to_start = hypot(obstacle->x_m - x, obstacle->y_m - y) - obstacle->hard_m;
-        shape_point(shape, last_s, &x, &y);
+        reference_shape_pose(shape, last_s, &x, &y, &theta);
         const double to_end = hypot(obstacle->x_m - x, obstacle->y_m - y) - obstacle->hard_m;
         if (to_start > START_FREE_M && to_end > END_FREE_M) {
             return true;
@@ -90,9 +80,8 @@ static bool overlaps(const scenario_t *scene) {
 static bool draw_start(scenario_t *scene, rng_t *rng) {
     double x;
     double y;
-    shape_point(scene->reference.shape, 0.0, &x, &y);
-    const double theta =
-        scene->reference.shape == SHAPE_CIRCLE ? atan2(0.3, 0.0) : atan2(1.2 * 0.30, 1.8 * 0.15);
+    double theta;
+    reference_shape_pose(scene->reference.shape, 0.0, &x, &y, &theta);
     for (int i = 0; i < TRIES; i++) {
         scene->start.x_m = x + START_SPREAD_M * rng_normal(rng);
         scene->start.y_m = y + START_SPREAD_M * rng_normal(rng);

@@ -51,6 +51,17 @@ static berth_sample_t sample_of(curve_t at) {
     };
 }
 
+static curve_t shape_at(shape_t shape, double t_s) {
+    return shape == SHAPE_CIRCLE ? circle_at(t_s) : eight_at(t_s);
+}
+
+void reference_shape_pose(shape_t shape, double t_s, double *x_m, double *y_m, double *theta_rad) {
+    const curve_t at = shape_at(shape, t_s);
+    *x_m = at.x;
+    *y_m = at.y;
+    *theta_rad = atan2(at.yd, at.xd);
+}
+
 double reference_lap_s(shape_t shape) {
     return 2.0 * PI / (shape == SHAPE_CIRCLE ? CIRCLE_RATE : EIGHT_RATE);
 }
@@ -72,7 +83,7 @@ bool reference_from_shape(shape_t shape, double period_s, double duration_s,
     }
     for (size_t k = 0; k < (size_t)count; k++) {
         const double t = (double)k * period_s;
-        samples[k] = sample_of(shape == SHAPE_CIRCLE ? circle_at(t) : eight_at(t));
+        samples[k] = sample_of(shape_at(shape, t));
     }
     *out = (reference_samples_t){samples, (size_t)count, period_s};
     return true;

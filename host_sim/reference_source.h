@@ -19,6 +19,9 @@ typedef struct {
 bool reference_from_shape(shape_t shape, double period_s, double duration_s,
                           reference_samples_t *out, scenario_error_t *error);
 
+/* Position and heading of a shape at a time, in double precision. */
+void reference_shape_pose(shape_t shape, double t_s, double *x_m, double *y_m, double *theta_rad);
+
 /* Time for one lap of SHAPE_CIRCLE or SHAPE_EIGHT. */
 double reference_lap_s(shape_t shape);
 

@@ -1,13 +1,11 @@
 #include "run.h"
 
-#include "berth/angle.h"
 #include "berth/riccati.h"
 #include "plant.h"
 #include "reference_source.h"
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 #include <time.h>
 
 /* Below this the robot counts as standing. */

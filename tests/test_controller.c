@@ -7,6 +7,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #define PERIOD_US INT64_C(50000)
@@ -606,8 +607,17 @@ static void test_extreme_inputs_give_finite_commands_within_the_limits(void) {
     }
 }
 
+/* All the memory that a robot's control takes. */
+static void test_ram_is_within_its_budget(void) {
+    printf("controller: %u bytes, room for %u obstacles, %u-bit pointers\n",
+           (unsigned)sizeof(berth_controller_t), (unsigned)BERTH_OBSTACLES_MAX,
+           (unsigned)(8 * sizeof(void *)));
+    TEST_ASSERT_TRUE(sizeof(berth_controller_t) <= 1024);
+}
+
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_ram_is_within_its_budget);
     RUN_TEST(test_pose_that_is_not_finite);
     RUN_TEST(test_pose_far_outside);
     RUN_TEST(test_time_that_is_wrong);

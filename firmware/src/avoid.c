@@ -4,6 +4,7 @@
 #include "check.h"
 #include "lookahead.h"
 #include "plan_inline.h"
+#include "scalar.h"
 
 #include <math.h>
 
@@ -37,14 +38,6 @@ typedef struct {
     bool coincident;   /* on the centre of one, where no heading leads away for sure */
 } view_t;
 
-static float minimum(float a, float b) {
-    return a < b ? a : b;
-}
-
-static float maximum(float a, float b) {
-    return a > b ? a : b;
-}
-
 /* Ranges of the configuration by itself. */
 static const check_rule_t config_rules[] = {
     {BERTH_FIELD_SKIRT, false, offsetof(berth_avoid_config_t, skirt_m), 0.0f, 10.0f},
@@ -56,7 +49,7 @@ static const check_rule_t config_rules[] = {
 /* And together with the robot's limits. */
 static bool check_together(const berth_avoid_config_t *config, const berth_limits_config_t *limits,
                            uint32_t period_us, berth_refusal_t *refusal) {
-    const float turn = limits->omega_max_radps * ((float)period_us / 1.0e6f);
+    const float turn = limits->omega_max_radps * plan_period_s(period_us);
     const bool good =
         check_value(BERTH_FIELD_PLAN_PERIOD, (float)period_us, (float)BERTH_PERIOD_MIN_US,
                     (float)BERTH_PERIOD_MAX_US, refusal) &&
@@ -79,7 +72,7 @@ berth_error_t berth_avoid_init(berth_avoid_t *avoid, const berth_avoid_config_t 
         !check_together(config, limits, period_us, refusal)) {
         return BERTH_ERROR_CONFIG;
     }
-    const float period_s = (float)period_us / 1.0e6f;
+    const float period_s = plan_period_s(period_us);
     const float v = limits->v_max_mps;
     const float braking_m =
         config->a_brake_mps2 > 0.0f ? v * v / (2.0f * config->a_brake_mps2) : 0.0f;

@@ -1,6 +1,7 @@
 #include "berth/limits.h"
 
 #include "check.h"
+#include "scalar.h"
 #include "small.h"
 
 #include <math.h>
@@ -96,14 +97,6 @@ SMALL static float approach(float last, float target, float step, uint8_t bit, u
     }
     *limited |= bit;
     return change > 0.0f ? last + step : last - step;
-}
-
-static float minimum(float a, float b) {
-    return a < b ? a : b;
-}
-
-static float maximum(float a, float b) {
-    return a > b ? a : b;
 }
 
 /* On the way from one command to another at different rates the faster wheel may be asked for more

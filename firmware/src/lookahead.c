@@ -2,13 +2,13 @@
 
 #include "plan_inline.h"
 
+/* Slots that a step looks at to find one with something to scan for. */
+#define LOOKS_PER_STEP 4u
+
 enum { SCAN_NEW = 0, SCAN_SEEKS_INSIDE, SCAN_SEEKS_OUTSIDE, SCAN_FOUND };
 
 _Static_assert(BERTH_SCAN_AHEAD > 0 && BERTH_SCAN_AHEAD <= 32767,
                "offsets from the current sample are compared as signed numbers");
-/* Slots that a step looks at to find one with something to scan for. */
-#define LOOKS_PER_STEP 4u
-
 _Static_assert(BERTH_OBSTACLES_MAX < 256, "slots are numbered in 8 bits");
 _Static_assert(BERTH_SCAN_PER_STEP_MIN > 0 && BERTH_SCAN_PER_STEP_MAX <= 32,
                "the look-ahead's share of a step is bounded by contract");
