@@ -30,7 +30,10 @@ def log(preset, scenario, folder):
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("preset", ["clang-release", "gcc-32", "gcc-asan", "clang-asan"])
+@pytest.mark.parametrize(
+    "preset",
+    ["clang-release", "gcc-debug", "clang-debug", "gcc-32", "gcc-asan", "clang-asan"],
+)
 def test_firmware_bits(preset):
     expected = bits(REFERENCE)
     assert bits(preset) == expected
@@ -39,7 +42,7 @@ def test_firmware_bits(preset):
 
 
 @pytest.mark.parametrize("scenario", ["circle", "eight"])
-@pytest.mark.parametrize("preset", ["clang-release", "gcc-asan"])
+@pytest.mark.parametrize("preset", ["clang-release", "gcc-debug", "clang-debug", "gcc-asan"])
 def test_simulator_logs(preset, scenario, tmp_path):
     expected = log(REFERENCE, scenario, tmp_path)
     assert expected.count(b"\n") > 100
