@@ -52,7 +52,8 @@ def test_the_control_loop_compiles_and_runs(tmp_path):
     (tmp_path / "main.c").write_text(blocks("c")[0])
     program = tmp_path / "loop"
     compiled = subprocess.run(
-        [os.environ["BERTH_CC"], *FLAGS, f"-I{ROOT}/firmware/include", f"-I{tmp_path}",
+        [os.environ["BERTH_CC"], *FLAGS, f"-I{ROOT}/firmware/include",
+         f"-I{ROOT}/hal/include", f"-I{tmp_path}",
          str(tmp_path / "main.c"), str(tmp_path / "circle.c"),
          *map(str, sorted((ROOT / "firmware/src").glob("*.c"))), "-lm", "-o", str(program)],
         capture_output=True, text=True, timeout=120, check=False)
@@ -85,7 +86,7 @@ def test_links_and_paths_exist():
     """Files that the page names, with or without a link."""
     named = set(re.findall(r"\]\((?!http)([^)#]+)\)", README))
     named |= {word for word in re.findall(r"`([\w./-]+)`", README)
-              if word.split("/")[0] in ("firmware", "host_sim", "tools", "tests") and "/" in word}
+              if word.split("/")[0] in ("firmware", "hal", "host_sim", "tools", "tests") and "/" in word}
     assert len(named) >= 5
     missing = [name for name in sorted(named) if not (ROOT / pathlib.Path(name)).exists()]
     assert missing == []

@@ -10,6 +10,8 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
 FIRMWARE_SYSTEM = {"stdint.h", "stdbool.h", "stddef.h", "math.h"}
 PUBLIC = {name_.name for name_ in files(".h", under=FIRMWARE / "include" / "berth")}
 HAL_INCLUDE = ROOT / "hal" / "include"
+HAL = ROOT / "hal"
+PLATFORMS = [path for path in files(".c", ".h", under=HAL) if not path.is_relative_to(HAL_INCLUDE)]
 
 
 def includes(path):
@@ -57,16 +59,36 @@ def test_hal_contract_includes_only_itself():
     assert foreign == []
 
 
+@pytest.mark.parametrize("path", PLATFORMS, ids=name)
+def test_platform_knows_the_contract_and_other_platforms_alone(path):
+    """Quoted headers lie in hal/include or in a platform's folder: nothing of the firmware."""
+    assert [header for kind, header in includes(path) if not platform_may(kind, header)] == []
+
+
+def platform_may(kind, header):
+    return kind == "<" or is_hal(header) or is_platform(header)
+
+
+def is_platform(header):
+    return header in {platform.name for platform in PLATFORMS if platform.suffix == ".h"}
+
+
 @pytest.mark.parametrize("path", files(".c", ".h", under=ROOT / "host_sim"), ids=name)
 def test_simulator_uses_only_the_public_firmware(path):
-    """Quoted headers lie in host_sim, firmware/include or hal/include: no private ones."""
+    """Quoted headers lie in host_sim, firmware/include, hal/include or a platform's folder: no
+    private ones of the firmware."""
     foreign = [
         header
         for kind, header in includes(path)
         if kind == '"'
-        and not ((path.parent / header).is_file() or is_public(header) or is_hal(header))
+        and not (in_simulator(path, header) or is_public(header) or is_hal(header)
+                 or is_platform(header))
     ]
     assert foreign == []
+
+
+def in_simulator(path, header):
+    return (path.parent / header).is_file() or (ROOT / "host_sim" / header).is_file()
 
 
 def test_the_rule_catches_a_violation():
@@ -78,3 +100,5 @@ def test_the_rule_catches_a_violation():
     assert not hal_may('"', "berth/types.h")
     assert not hal_may("<", "stdio.h")
     assert hal_may("<", "stdint.h")
+    assert platform_may('"', "berth_hal/can.h")
+    assert not platform_may('"', "berth/types.h")

@@ -2,8 +2,8 @@
 # programs when they were built.
 include(CMakePackageConfigHelpers)
 
-install(TARGETS berth EXPORT berth ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(DIRECTORY firmware/include/berth DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
+install(TARGETS berth berth_hal EXPORT berth ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(DIRECTORY firmware/include/berth hal/include/berth_hal DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
     FILES_MATCHING PATTERN "*.h")
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/licenses/berth)
 foreach(program berth-sim berth-gen)

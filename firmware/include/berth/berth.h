@@ -1,16 +1,24 @@
-/* berth/berth.h - everything. Start at controller.h. */
+/* berth/berth.h - everything. Start at controller.h for the control loop alone, at board.h for the
+ * whole of a drive board. */
 #ifndef BERTH_BERTH_H
 #define BERTH_BERTH_H
 
 #include "berth/angle.h"
 #include "berth/avoid.h"
+#include "berth/board.h"
 #include "berth/controller.h"
+#include "berth/drive.h"
 #include "berth/error.h"
 #include "berth/limits.h"
+#include "berth/link.h"
+#include "berth/message.h"
 #include "berth/obstacles.h"
+#include "berth/odometry.h"
+#include "berth/outbox.h"
 #include "berth/reference.h"
 #include "berth/result.h"
 #include "berth/riccati.h"
+#include "berth/supervisor.h"
 #include "berth/tracker.h"
 #include "berth/types.h"
 

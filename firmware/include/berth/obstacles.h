@@ -42,9 +42,17 @@ typedef struct {
     int8_t side;     /* side on which it is being passed: +1 left of it, -1 right, 0 open */
 } berth_obstacle_memory_t;
 
+/* Expiry of an obstacle that stays. */
+#define BERTH_OBSTACLE_FOREVER INT64_MAX
+
+/* Id of an obstacle that stays; those from the bus have 0 to 255. */
+#define BERTH_OBSTACLE_STATIC 0xffffu
+
 typedef struct {
+    int64_t expires_us; /* BERTH_OBSTACLE_FOREVER: never */
     berth_obstacle_t obstacle;
     berth_obstacle_memory_t memory;
+    uint16_t id;
 } berth_obstacle_slot_t;
 
 typedef struct {
@@ -64,6 +72,20 @@ BERTH_MUST_USE berth_error_t berth_obstacle_check(const berth_obstacle_t *obstac
 /* Appends a checked obstacle. Returns BERTH_OK or BERTH_ERROR_CAPACITY. */
 BERTH_MUST_USE berth_error_t berth_obstacles_add(berth_obstacles_t *obstacles,
                                                  const berth_obstacle_t *obstacle);
+
+/* Puts a checked obstacle that expires: under an id that is in the list it takes the place of the
+ * old one, else it is appended. What avoidance remembers of it is kept when it has moved by less
+ * than its hard radius, so that a jittering detection does not make the robot change sides. id: 0
+ * to 255. Returns BERTH_OK or BERTH_ERROR_CAPACITY. O(count). */
+BERTH_MUST_USE berth_error_t berth_obstacles_put(berth_obstacles_t *obstacles, uint16_t id,
+                                                 const berth_obstacle_t *obstacle,
+                                                 int64_t expires_us);
+
+/* Removes the obstacle with this id, if there is one. O(count). */
+void berth_obstacles_remove(berth_obstacles_t *obstacles, uint16_t id);
+
+/* Removes those that expire at now_us or before. Returns how many. O(count). */
+uint32_t berth_obstacles_expire(berth_obstacles_t *obstacles, int64_t now_us);
 
 #ifdef __cplusplus
 }
