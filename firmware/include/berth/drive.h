@@ -135,7 +135,7 @@ struct berth_drive {
     float gap_rad;       /* measured position less the one that travel tells */
     int64_t travel_us;   /* time that travel_rad stands for; -1: no feedback yet */
     int64_t enabling_us; /* when enabling began */
-    bool stop_requested; /* by berth_drive_stop */
+    bool released;       /* told to take the torque off, and not enabled since */
     union {
         berth_drive_odrive_state_t odrive;
         berth_drive_vesc_state_t vesc;
