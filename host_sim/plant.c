@@ -206,7 +206,10 @@ static void move(plant_t *plant, const arc_t *arc, watch_t *watch) {
     watch_arc(watch, &start, &end, arc);
     plant->x_m = end.x;
     plant->y_m = end.y;
-    plant->theta_rad = plant_wrap(plant->theta_rad + arc->omega * arc->t);
+    const double turn = arc->omega * arc->t;
+    plant->theta_rad = plant_wrap(plant->theta_rad + turn);
+    plant->path_m += arc->v * arc->t;
+    plant->turned_rad += turn;
     if (++plant->rotations >= ROTATIONS_MAX) {
         plant->rotations = 0;
         plant_sincos(plant->theta_rad, &plant->sine, &plant->cosine);
@@ -244,6 +247,14 @@ berth_pose_t plant_measure(plant_t *plant) {
         theta += plant->model.heading_noise_rad * rng_normal(&plant->rng);
     }
     return (berth_pose_t){(float)x, (float)y, (float)theta};
+}
+
+void plant_wheels(const plant_t *plant, double wheel_radius_m, double *left_rad,
+                  double *right_rad) {
+    const double radius_m = wheel_radius_m * plant->model.radius_scale;
+    const double turn_m = 0.5 * plant->track_m * plant->model.track_scale * plant->turned_rad;
+    *left_rad = (plant->path_m - turn_m) / radius_m;
+    *right_rad = (plant->path_m + turn_m) / radius_m;
 }
 
 static double clamp_abs(double value, double limit) {

@@ -29,12 +29,13 @@
 #define PLANT_SUBSTEPS 10
 
 typedef struct {
-    double x_m, y_m, theta_rad;  /* true pose; theta in [-pi, pi); read only: plant_set_pose */
-    double v_mps, omega_radps;   /* true velocity at the end of the last step */
-    double cosine, sine;         /* of the heading */
-    double left_mps, right_mps;  /* true rim speeds, for the dynamics */
-    double decay, decay_dt_s;    /* exp(-dt / tau) and the dt that it is for */
-    double track_m;              /* nominal */
+    double x_m, y_m, theta_rad; /* true pose; theta in [-pi, pi); read only: plant_set_pose */
+    double v_mps, omega_radps;  /* true velocity at the end of the last step */
+    double cosine, sine;        /* of the heading */
+    double left_mps, right_mps; /* true rim speeds, for the dynamics */
+    double path_m, turned_rad;  /* true forward travel, and yaw without wrapping, since the start */
+    double decay, decay_dt_s;   /* exp(-dt / tau) and the dt that it is for */
+    double track_m;             /* nominal */
     double v_scale, omega_scale; /* true per commanded velocity */
     scenario_plant_t model;
     bool ideal;         /* no lag and no limits */
@@ -55,6 +56,10 @@ void plant_set_pose(plant_t *plant, double x_m, double y_m, double theta_rad);
 
 /* The pose as the robot measures it: the true one plus noise, in float32. */
 berth_pose_t plant_measure(plant_t *plant);
+
+/* How far the two wheels have turned since the start, rad, positive forward: the rims' travel over
+ * the true wheel radius. Exact, as the arcs are. wheel_radius_m: the nominal one. */
+void plant_wheels(const plant_t *plant, double wheel_radius_m, double *left_rad, double *right_rad);
 
 /* Executes the command for period_s > 0. Returns the least clearance of the period over all discs
  * and all instants (exact along each arc): min (distance - radius); INFINITY without discs. */

@@ -433,6 +433,49 @@ static void test_mirrored_commands_give_the_mirrored_motion(void) {
     mirror_run(&scenario, 150.0, SEED + 6);
 }
 
+/* An ideal robot's wheels turn as told, whatever their true radius and track. */
+static void test_ideal_wheels_turn_as_told(void) {
+    const double radius_m = 0.05;
+    rng_t rng;
+    rng_seed(&rng, SEED);
+    for (int i = 0; i < runs(100); i++) {
+        scenario_t scenario = ideal_scenario();
+        scenario.plant.radius_scale = rng_uniform(&rng, 0.5, 2.0);
+        scenario.plant.track_scale = rng_uniform(&rng, 0.5, 2.0);
+        plant_t plant = plant_of(&scenario, 0);
+        double expected[2] = {0.0, 0.0};
+        for (int k = 0; k < 200; k++) {
+            const double left = any_velocity(&rng, 20.0, 100.0);
+            const double right = any_velocity(&rng, 20.0, 100.0);
+            const double t = rng_uniform(&rng, 0.0001, 0.05);
+            plant_step(&plant, 0.5 * radius_m * (right + left),
+                       radius_m * (right - left) / scenario.robot.track_m, t, NULL, 0);
+            expected[0] += left * t;
+            expected[1] += right * t;
+        }
+        double turned[2];
+        plant_wheels(&plant, radius_m, &turned[0], &turned[1]);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-9, expected[0], turned[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-9, expected[1], turned[1]);
+    }
+}
+
+/* With dynamics, the wheels' travel is that of the body's motion, and a lag tau at constant speed
+ * is w tau behind. */
+static void test_lagging_wheels_fall_behind_by_the_lag(void) {
+    scenario_t scenario = ideal_scenario();
+    scenario.plant.tau_s = 0.1;
+    plant_t plant = plant_of(&scenario, 0);
+    for (int k = 0; k < 2000; k++) {
+        plant_step(&plant, 0.2, 0.4, 0.001, NULL, 0);
+    }
+    double left = 0.0;
+    double right = 0.0;
+    plant_wheels(&plant, 0.05, &left, &right);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-4, (0.2 - 0.4 * 0.15) / 0.05 * (2.0 - 0.1), left);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-4, (0.2 + 0.4 * 0.15) / 0.05 * (2.0 - 0.1), right);
+}
+
 static void test_noise_has_the_deviation_asked_for(void) {
     scenario_t scenario = ideal_scenario();
     scenario.start.x_m = 1.0;
@@ -532,6 +575,8 @@ int main(void) {
     RUN_TEST(test_yaw_limit_leaves_the_speed_alone);
     RUN_TEST(test_scales_of_wheel_radius_and_track);
     RUN_TEST(test_mirrored_commands_give_the_mirrored_motion);
+    RUN_TEST(test_ideal_wheels_turn_as_told);
+    RUN_TEST(test_lagging_wheels_fall_behind_by_the_lag);
     RUN_TEST(test_noise_has_the_deviation_asked_for);
     RUN_TEST(test_noise_is_seeded_and_absent_when_off);
     RUN_TEST(test_own_functions_against_libm);
