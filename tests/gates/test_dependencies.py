@@ -23,7 +23,7 @@ def is_public(header):
 
 
 def is_hal(header):
-    return (HAL_INCLUDE / header).is_file()
+    return ".." not in header and (HAL_INCLUDE / header).is_file()
 
 
 def firmware_may(path, kind, header):

@@ -11,7 +11,8 @@ FRAME_MAX = 640
 def frames(source, folder):
     run(
         *("gcc", "-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fstack-usage"),
-        *("-I", FIRMWARE / "include", "-I", FIRMWARE.parent / "hal" / "include", "-c", source, "-o", folder / "object.o"),
+        *("-I", FIRMWARE / "include", "-I", FIRMWARE.parent / "hal" / "include"),
+        *("-c", source, "-o", folder / "object.o"),
     )
     rows = (folder / "object.su").read_text().splitlines()
     return [row.split("\t") for row in rows]
