@@ -6,8 +6,9 @@
  * match) corrects the pose: a share of the difference, or all of it when it is the first or too far
  * off to be noise.
  *
- * One struct, one context. Positions add up with compensated sums (Kahan 1965), so that small steps
- * are not lost far from the origin.
+ * One struct, one context. Positions and heading add up with compensated sums (Kahan 1965; the
+ * error of each addition by Knuth's two-sum), so that small steps are not lost far from the origin
+ * and laps do not turn the heading. A mirrored drive gives mirrored bits.
  */
 #ifndef BERTH_ODOMETRY_H
 #define BERTH_ODOMETRY_H
@@ -37,8 +38,8 @@ typedef struct {
     int64_t fix_us;   /* time of the last fix; -1: none yet */
     bool known;       /* the pose means something: set, or a fix was taken */
     uint32_t fixes;   /* taken */
-    uint32_t jumps;   /* of these, taken over whole though a pose was known */
-    uint32_t refused; /* not finite or out of range */
+    uint32_t jumps;   /* of these, too far off: taken over whole though a pose was known */
+    uint32_t refused; /* fixes and travel: not finite or out of range */
 } berth_odometry_t;
 
 /* Validates the configuration and sets the odometry up with no known pose. Returns BERTH_OK or
@@ -48,11 +49,13 @@ BERTH_MUST_USE berth_error_t berth_odometry_init(berth_odometry_t *odometry,
                                                  berth_refusal_t *refusal);
 
 /* Moves the pose by the wheels' travel, in rad, positive forward. Travel that is not finite or
- * above 1e4 rad is refused, and counted: then the pose is no longer known. Constant cost. */
+ * above 1e4 rad is refused, and counted: then the pose is no longer known. theta stays within
+ * [-pi, pi). A turn beyond pi in one update is wrapped to 2e-6 rad first. Constant cost. */
 void berth_odometry_advance(berth_odometry_t *odometry, float left_rad, float right_rad);
 
-/* Takes the pose over, as by a fix that is not blended. Returns BERTH_OK, or BERTH_ERROR_POSE (not
- * finite, or |x| or |y| above BERTH_POSITION_MAX_M; counted, nothing changes). */
+/* Takes the pose over, as by a fix that is not blended, and counts as one. now_us: 0 to
+ * BERTH_TIME_MAX_US. Returns BERTH_OK, or BERTH_ERROR_POSE (not finite, or |x| or |y| above
+ * BERTH_POSITION_MAX_M; counted, nothing changes). */
 BERTH_MUST_USE berth_error_t berth_odometry_set(berth_odometry_t *odometry,
                                                 const berth_pose_t *pose, int64_t now_us);
 
@@ -61,7 +64,8 @@ BERTH_MUST_USE berth_error_t berth_odometry_set(berth_odometry_t *odometry,
 BERTH_MUST_USE berth_error_t berth_odometry_fix(berth_odometry_t *odometry,
                                                 const berth_pose_t *pose, int64_t now_us);
 
-/* Age of the last fix in microseconds; INT64_MAX when there was none. */
+/* Age of the last fix in microseconds, 0 when now_us is before it; INT64_MAX when there was none.
+ */
 int64_t berth_odometry_fix_age_us(const berth_odometry_t *odometry, int64_t now_us);
 
 #ifdef __cplusplus
