@@ -27,7 +27,8 @@ berth_error_t berth_obstacles_add(berth_obstacles_t *obstacles, const berth_obst
     if (obstacles->count >= BERTH_OBSTACLES_MAX) {
         return BERTH_ERROR_CAPACITY;
     }
-    obstacles->slots[obstacles->count] = (berth_obstacle_slot_t){.obstacle = *obstacle};
+    obstacles->slots[obstacles->count] = (berth_obstacle_slot_t){
+        .expires_us = BERTH_OBSTACLE_FOREVER, .obstacle = *obstacle, .id = BERTH_OBSTACLE_STATIC};
     obstacles->count++;
     return BERTH_OK;
 }

@@ -1,5 +1,6 @@
 #include "berth/reference.h"
 
+#include "bytes.h"
 #include "check.h"
 #include "plan_inline.h"
 
@@ -61,6 +62,50 @@ berth_error_t berth_plan_check(const berth_plan_t *plan, berth_refusal_t *refusa
                      refusal) &&
         check_rows(plan, refusal);
     return good ? BERTH_OK : BERTH_ERROR_PLAN;
+}
+
+/* Four bits at a time: a table of 16 words is little flash, and the plan is checked at rest. */
+static uint32_t crc_word(uint32_t crc, uint32_t word) {
+    static const uint32_t table[16] = {
+        0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u,
+        0x4db26158u, 0x5005713cu, 0xedb88320u, 0xf00f9344u, 0xd6d6a3e8u, 0xcb61b38cu,
+        0x9b64c2b0u, 0x86d3d2d4u, 0xa00ae278u, 0xbdbdf21cu,
+    };
+    crc ^= word;
+    for (int nibble = 0; nibble < 8; nibble++) {
+        crc = (crc >> 4) ^ table[crc & 15u];
+    }
+    return crc;
+}
+
+static uint32_t crc_floats(uint32_t crc, const float *values, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        crc = crc_word(crc, bits_from_float(values[i]));
+    }
+    return crc;
+}
+
+uint32_t berth_plan_crc(const berth_plan_t *plan) {
+    const uint32_t flags = (uint32_t)plan->closed << 24 | (uint32_t)plan->gain_source << 16 |
+                           (uint32_t)plan->mpc.discretization << 8;
+    uint32_t crc = UINT32_MAX;
+    crc = crc_word(crc, plan->count);
+    crc = crc_word(crc, plan->period_us);
+    crc = crc_word(crc, plan->mpc.horizon);
+    crc = crc_word(crc, flags);
+    crc = crc_floats(crc, plan->mpc.q, 3);
+    crc = crc_floats(crc, plan->mpc.r, 2);
+    for (uint32_t k = 0; k < plan->count; k++) {
+        const berth_sample_t *sample = &plan->samples[k];
+        const float row[5] = {sample->x_m, sample->y_m, sample->theta_rad, sample->v_mps,
+                              sample->omega_radps};
+        crc = crc_floats(crc, row, 5);
+        if (plan->gains != NULL) {
+            crc = crc_floats(crc, plan->gains[k].k[0], 3);
+            crc = crc_floats(crc, plan->gains[k].k[1], 3);
+        }
+    }
+    return ~crc;
 }
 
 berth_sample_t berth_plan_sample(const berth_plan_t *plan, uint32_t k) {

@@ -82,7 +82,6 @@ typedef struct {
     uint32_t foreign;           /* frames that were for others */
     uint32_t commands_refused;  /* not allowed in the state that the board was in */
     uint32_t obstacles_refused; /* from the bus: out of range, or no room */
-    uint32_t saturated;         /* values that did not fit a frame, or were not finite */
 } berth_board_status_t;
 
 typedef struct {
@@ -94,14 +93,18 @@ typedef struct {
     berth_board_regions_t regions;
     berth_board_status_t status;
     int64_t tick_us;    /* when the next control step is due */
+    int64_t last_us;    /* time of the last step */
     int64_t waiting_us; /* since when the front of the outbox waits; -1: none waits */
     uint32_t period_us;
-    uint32_t plan_check; /* checksum of the plan as it was validated */
+    uint32_t plan_crc; /* of the plan as it was validated */
     uint16_t telemetry_periods;
-    uint16_t telemetry_left; /* periods until the next telemetry */
+    uint16_t telemetry_left;        /* periods until the next telemetry */
+    berth_supervisor_state_t acted; /* the state that the drives have been told */
     uint8_t address;
-    bool bus_failed;
-    bool released; /* the drives were told to take their torque off */
+    bool ready;      /* init succeeded */
+    bool starting;   /* the controller starts in the next control step */
+    bool bus_failed; /* the last send or receive answered FAILED */
+    bool released;   /* the drives were told to take their torque off */
 } berth_board_t;
 
 /* Validates everything and sets the board up, IDLE, with no obstacles and no known pose. plan stays

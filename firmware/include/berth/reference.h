@@ -74,6 +74,10 @@ typedef struct {
  * or BERTH_ERROR_PLAN with *refusal filled. */
 BERTH_MUST_USE berth_error_t berth_plan_check(const berth_plan_t *plan, berth_refusal_t *refusal);
 
+/* CRC-32 (IEEE 802.3) of everything that a plan points to and of its numbers, to tell later whether
+ * it is still what was checked. O(count), some 400 instructions a sample. */
+uint32_t berth_plan_crc(const berth_plan_t *plan);
+
 /* Sample k for any k: wraps around in a closed plan; past the end of an open one it is the last
  * pose with v = omega = 0. Pure; constant cost. */
 berth_sample_t berth_plan_sample(const berth_plan_t *plan, uint32_t k);

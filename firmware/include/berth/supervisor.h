@@ -44,6 +44,7 @@ typedef enum {
     BERTH_FAULT_STOP_TIMEOUT = 10,  /* wheels still turn stop_timeout_us after the stop */
     BERTH_FAULT_FOLLOWING = 11,     /* a wheel does not do what it is told: see following_* */
     BERTH_FAULT_PLAN = 12,          /* the plan has changed since it was checked */
+    BERTH_FAULT_OBSTACLES = 13,     /* an obstacle from the bus found no room in the list */
     BERTH_FAULT_LEFT = 32,
     BERTH_FAULT_RIGHT = 64
 } berth_fault_t;
