@@ -270,11 +270,12 @@ bool can_loop_babble(can_loop_t *loop, uint32_t node, const berth_can_frame_t *f
 /* Is told of every frame on the wire. NULL: nobody. */
 void can_loop_observe(can_loop_t *loop, can_loop_observer_t observer, void *context);
 
-/* Counters and what waits. */
+/* Counters and what waits; node must be an attached one's number. Waiting to be sent: the one under
+ * way counts, a copy that a fault has ordered does not. */
 const can_loop_counters_t *can_loop_counters(const can_loop_t *loop, uint32_t node);
-uint32_t can_loop_waiting(const can_loop_t *loop, uint32_t node); /* to be sent */
-uint32_t can_loop_held(const can_loop_t *loop);                   /* deliveries held back */
-uint64_t can_loop_frames(const can_loop_t *loop);                 /* ended without error */
+uint32_t can_loop_waiting(const can_loop_t *loop, uint32_t node);
+uint32_t can_loop_held(const can_loop_t *loop);   /* deliveries held back */
+uint64_t can_loop_frames(const can_loop_t *loop); /* ended without error */
 uint32_t can_loop_tec(const can_loop_t *loop, uint32_t node);
 uint32_t can_loop_rec(const can_loop_t *loop, uint32_t node);
 

@@ -252,7 +252,8 @@ const can_loop_counters_t *can_loop_counters(const can_loop_t *loop, uint32_t no
 }
 
 uint32_t can_loop_waiting(const can_loop_t *loop, uint32_t node) {
-    return loop->nodes[node].tx_count;
+    const can_loop_node_t *n = &loop->nodes[node];
+    return n->tx_count > 0 && n->tx[n->tx_first].is_copy ? n->tx_count - 1u : n->tx_count;
 }
 
 uint32_t can_loop_tec(const can_loop_t *loop, uint32_t node) {
