@@ -113,17 +113,22 @@ typedef struct {
 } berth_drive_vesc_state_t;
 
 typedef struct {
-    uint8_t step;      /* of the set-up */
-    uint8_t retries;   /* of the present request */
+    uint8_t stage;     /* of enabling */
+    uint8_t request;   /* of the set-up: which one */
+    uint8_t tries;     /* of the present request */
     uint8_t nmt_state; /* last told by the heartbeat */
-    uint8_t stage;     /* of the 402 state machine, as we drive it */
     bool waiting;      /* for an answer to the present request */
-    bool fault_reset;  /* ask for a fault reset */
+    bool told;         /* there has been a statusword since the node was started */
+    bool healthy;      /* and one without a fault */
+    bool asked;        /* operation has been enabled by us */
+    bool edge;         /* the fault reset bit is set */
+    bool emergency;    /* take the torque off once the wheel stands */
+    bool let_go;       /* it does, after an emergency stop */
     bool has_counts;
     uint16_t statusword;
-    uint16_t controlword;
-    int32_t counts;    /* last position */
-    int64_t answer_us; /* deadline of the present request or stage */
+    uint16_t error_code; /* of the last emergency message, 0 when all errors are gone */
+    int32_t counts;      /* last position */
+    int64_t due_us;      /* when to try again */
 } berth_drive_cia402_state_t;
 
 struct berth_drive {
