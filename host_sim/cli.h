@@ -50,9 +50,6 @@ enum { CLI_SEED = 0x100, CLI_SET, CLI_JSON, CLI_FIGURES, CLI_LOG, CLI_STRATEGY, 
 error_t cli_common_option(int key, char *argument, struct argp_state *state,
                           cli_options_t *options);
 
-/* An integer from 0 to maximum in plain decimal digits. *value is only written to on success. */
-bool cli_parse_count(const char *text, uint64_t maximum, uint64_t *value);
-
 /* argp's help_filter: appends the strategies and the exit status to the help text. */
 char *cli_help_filter(int key, const char *text, void *input);
 

@@ -1,5 +1,6 @@
 #include "campaign.h"
 #include "cli.h"
+#include "number.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -38,7 +39,7 @@ static const struct argp_option option_table[] = {
 
 static void parse_count(const char *option, const char *argument, uint64_t maximum, uint64_t *value,
                         struct argp_state *state) {
-    if (!cli_parse_count(argument, maximum, value) || *value == 0) {
+    if (!number_parse_count(argument, maximum, value) || *value == 0) {
         argp_error(state, "%s: '%s' is no such number (allowed: an integer from 1 to %llu)", option,
                    argument, (unsigned long long)maximum);
     }

@@ -1,4 +1,5 @@
 #include "cli.h"
+#include "number.h"
 #include "strategy.h"
 
 #include <stdarg.h>
@@ -15,23 +16,6 @@ void cli_complain(const char *name, const char *format, ...) {
     vfprintf(stderr, format, arguments);
     fputc('\n', stderr);
     va_end(arguments);
-}
-
-/* So that -1 or 1e3 is not taken for something else. */
-bool cli_parse_count(const char *text, uint64_t maximum, uint64_t *value) {
-    uint64_t number = 0;
-    if (*text == '\0') {
-        return false;
-    }
-    for (; *text >= '0' && *text <= '9'; ++text) {
-        const uint64_t digit = (uint64_t)(*text - '0');
-        if (digit > maximum || number > (maximum - digit) / 10) {
-            return false;
-        }
-        number = number * 10 + digit;
-    }
-    *value = number;
-    return *text == '\0';
 }
 
 static void take_scenario(const char *argument, struct argp_state *state, cli_options_t *options) {
@@ -52,7 +36,7 @@ error_t cli_common_option(int key, char *argument, struct argp_state *state,
         options->json = true;
         return 0;
     case CLI_SEED:
-        if (!cli_parse_count(argument, INT64_MAX, &options->seed)) {
+        if (!number_parse_count(argument, INT64_MAX, &options->seed)) {
             argp_error(state,
                        "--seed: '%s' is no seed (allowed: an integer from 0 to "
                        "9223372036854775807)",

@@ -62,6 +62,25 @@ static bool parse_element(const char *text, size_t length, double *value) {
     return number_parse(element, value);
 }
 
+bool number_parse_count(const char *text, uint64_t maximum, uint64_t *value) {
+    uint64_t number = 0;
+    if (*text == '\0') {
+        return false;
+    }
+    for (; *text >= '0' && *text <= '9'; text++) {
+        const uint64_t digit = (uint64_t)(*text - '0');
+        if (digit > maximum || number > (maximum - digit) / 10) {
+            return false;
+        }
+        number = number * 10 + digit;
+    }
+    if (*text != '\0') {
+        return false;
+    }
+    *value = number;
+    return true;
+}
+
 bool number_parse_list(const char *text, double *values, size_t count) {
     double parsed[NUMBER_LIST_MAX];
     for (size_t i = 0; i < count; i++) {

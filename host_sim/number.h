@@ -10,6 +10,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 /* How a text is called that number_parse refuses: "'2.7m' " NUMBER_REFUSED. */
 #define NUMBER_REFUSED "is not a finite decimal number"
@@ -19,6 +20,10 @@
 #define NUMBER_RANGE_TEXT_MAX 80
 
 bool number_parse(const char *text, double *value);
+
+/* An integer from 0 to maximum in plain decimal digits: -1 and 1e3 are not taken for something
+ * else. *value is only written to on success. */
+bool number_parse_count(const char *text, uint64_t maximum, uint64_t *value);
 
 /* Exactly count numbers with commas between them; blanks around each are skipped. values is only
  * written to on success. count <= NUMBER_LIST_MAX. */

@@ -128,6 +128,27 @@ static void test_what_is_written_reads_back_to_the_same_bits(void) {
     }
 }
 
+static void check_count(const char *text, uint64_t maximum, bool good, uint64_t expected) {
+    uint64_t value = 4711;
+    TEST_ASSERT_EQUAL_MESSAGE(good, number_parse_count(text, maximum, &value), text);
+    TEST_ASSERT_EQUAL_UINT64_MESSAGE(good ? expected : 4711, value, text);
+}
+
+static void test_counts_are_plain_digits_up_to_their_maximum(void) {
+    check_count("0", 0, true, 0);
+    check_count("007", 10, true, 7);
+    check_count("254", 254, true, 254);
+    check_count("255", 254, false, 0);
+    check_count("2540", 254, false, 0);
+    check_count("18446744073709551615", UINT64_MAX, true, UINT64_MAX);
+    check_count("18446744073709551616", UINT64_MAX, false, 0);
+    check_count("99999999999999999999999", UINT64_MAX, false, 0);
+    const char *const bad[] = {"", " 1", "1 ", "+1", "-1", "1e3", "1.0", "0x10", "1a", "a"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        check_count(bad[i], UINT64_MAX, false, 0);
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_numbers_that_are_read);
@@ -138,5 +159,6 @@ int main(void) {
     RUN_TEST(test_ranges_in_words);
     RUN_TEST(test_writing_is_short_where_it_can_be);
     RUN_TEST(test_what_is_written_reads_back_to_the_same_bits);
+    RUN_TEST(test_counts_are_plain_digits_up_to_their_maximum);
     return UNITY_END();
 }
