@@ -11,14 +11,16 @@ int64_t stamp_from_wall(int64_t stamp_us, int64_t wall_now_us, int64_t monotonic
 
 int64_t stamp_from_adapter(stamp_map_t *map, int64_t stamp_us, int64_t received_us) {
     const int64_t difference_us = received_us - stamp_us;
-    if (map->set && received_us > map->last_us) {
-        map->offset_us += (received_us - map->last_us) >> STAMP_DRIFT_SHIFT;
+    if (map->set && received_us > map->granted_us) {
+        const int64_t growth_us = (received_us - map->granted_us) >> STAMP_DRIFT_SHIFT;
+        map->offset_us += growth_us;
+        map->granted_us += growth_us << STAMP_DRIFT_SHIFT;
     }
     const bool jumped = map->set && difference_us - map->offset_us > STAMP_AHEAD_MAX_US;
     if (!map->set || jumped || difference_us < map->offset_us) {
         map->offset_us = difference_us;
+        map->granted_us = received_us;
     }
     map->set = true;
-    map->last_us = received_us;
     return stamp_us + map->offset_us;
 }

@@ -26,7 +26,7 @@ int64_t stamp_from_wall(int64_t stamp_us, int64_t wall_now_us, int64_t monotonic
 typedef struct {
     bool set;
     int64_t offset_us;
-    int64_t last_us; /* the software stamp that offset_us belongs to */
+    int64_t granted_us; /* growth for drift has been added up to this time */
 } stamp_map_t;
 
 /* An adapter's stamp, given when the kernel got the frame (on the monotonic clock): never later
