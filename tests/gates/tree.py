@@ -15,7 +15,8 @@ def files(*suffixes, under=ROOT):
     found = []
     for folder, folders, names in os.walk(under):
         folders[:] = sorted(set(folders) - NOT_OURS)
-        found += [Path(folder) / name for name in sorted(names) if not name.endswith(".pyc")]
+        names = sorted(set(names) - NOT_OURS)
+        found += [Path(folder) / name for name in names if not name.endswith(".pyc")]
     return [path for path in found if not suffixes or path.suffix in suffixes]
 
 
