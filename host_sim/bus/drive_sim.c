@@ -11,6 +11,8 @@ static const drive_sim_protocol_t *protocol_of(drive_sim_kind_t kind) {
         return &drive_sim_odrive;
     case DRIVE_SIM_VESC:
         return &drive_sim_vesc;
+    case DRIVE_SIM_CIA402:
+        return &drive_sim_cia402;
     default:
         return NULL;
     }

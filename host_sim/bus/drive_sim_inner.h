@@ -8,6 +8,8 @@
 #define HOST_SIM_BUS_DRIVE_SIM_INNER_H
 
 #include "drive_sim.h"
+#include "drive_sim_canopen.h"
+#include "drive_sim_timer.h"
 
 #define DRIVE_SIM_QUEUE 32u /* frames that may wait to be sent */
 
@@ -24,12 +26,7 @@ typedef struct {
 
 extern const drive_sim_protocol_t drive_sim_odrive;
 extern const drive_sim_protocol_t drive_sim_vesc;
-
-/* Something that happens each period; never where the period is not positive. */
-typedef struct {
-    int64_t period_us;
-    int64_t due_us;
-} drive_sim_timer_t;
+extern const drive_sim_protocol_t drive_sim_cia402;
 
 typedef struct {
     uint32_t errors;        /* axis error bits, kept until cleared */
@@ -64,18 +61,12 @@ struct drive_sim {
     union {
         drive_sim_odrive_state_t odrive;
         drive_sim_vesc_state_t vesc;
+        drive_sim_cia402_state_t cia402;
     } state;
 };
 
 /* Puts a frame into the queue; one too many is lost and counted. */
 void drive_sim_put(drive_sim_t *sim, const berth_can_frame_t *frame);
-
-/* Starts a timer: first due one period from now. */
-void drive_sim_timer_start(drive_sim_timer_t *timer, int64_t period_us, int64_t now_us);
-/* Is it due? Then it is due next in the first period to come, however many were missed. */
-bool drive_sim_timer_take(drive_sim_timer_t *timer, int64_t now_us);
-/* The earlier of deadline_us and the timer. */
-int64_t drive_sim_timer_deadline(const drive_sim_timer_t *timer, int64_t deadline_us);
 
 /* floor(value) as a counter of 32 bits has it, wrapped around. */
 int32_t drive_sim_wrap(double value);
