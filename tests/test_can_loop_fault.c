@@ -173,8 +173,8 @@ static void test_altered_data(void) {
 /* A bit error: an error frame after it, the counters, and the frame again. */
 static void test_corrupted_frame(void) {
     const int64_t bits = rig_bits(0, 0x44);
-    static const uint32_t asked[] = {0, 1, 40, 1000};
-    for (size_t i = 0; i < 4; i++) {
+    const uint32_t asked[] = {0, 1, 40, (uint32_t)bits - 1, (uint32_t)bits, 1000};
+    for (size_t i = 0; i < 6; i++) {
         setUp();
         order_rule(0, 0, 1, (can_loop_action_t){.corrupt = true, .error_bit = asked[i]});
         rig_sends(&rig, 0, 0x44);
@@ -224,6 +224,21 @@ static void test_error_counters_of_the_sender(void) {
     TEST_ASSERT_EQUAL_UINT32(0, can_loop_tec(&rig.loop, 0));
 }
 
+/* 255 is not yet above 255. */
+static void test_bus_off_is_above_255(void) {
+    order_rule(0, 0, 1, (can_loop_action_t){.corrupt = true});
+    order_rule(0, 2, 32, (can_loop_action_t){.corrupt = true});
+    rig_sends(&rig, 0, 1);
+    rig_sends(&rig, 0, 2);
+    while (rig.event_count < 33) {
+        can_loop_run(&rig.loop, can_loop_deadline(&rig.loop));
+    }
+    TEST_ASSERT_EQUAL_UINT32(8 - 1 + 31 * 8, can_loop_tec(&rig.loop, 0));
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_PASSIVE, rig_state(&rig, 0).mode);
+    run_to_the_end(&rig);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, rig_state(&rig, 0).mode);
+}
+
 /* An error passive sender waits 8 bits after its frame, and somebody else may use them. */
 static void test_passive_sender_waits(void) {
     order_rule(0, 0, 17, (can_loop_action_t){.corrupt = true});
@@ -250,7 +265,7 @@ static void test_passive_sender_waits(void) {
 static void test_error_counters_of_receivers(void) {
     can_loop_auto_recover(&rig.loop, 0, 0);
     order_rule(0, 0, 300, (can_loop_action_t){.corrupt = true});
-    while (can_loop_rec(&rig.loop, 1) < 255) {
+    while (can_loop_counters(&rig.loop, 1)->errors < 260) {
         if (rig_state(&rig, 0).mode != BERTH_CAN_BUS_OFF && can_loop_waiting(&rig.loop, 0) == 0) {
             rig_sends(&rig, 0, 1);
         }
@@ -259,6 +274,7 @@ static void test_error_counters_of_receivers(void) {
                               rig_state(&rig, 1).mode);
         can_loop_run(&rig.loop, can_loop_deadline(&rig.loop));
     }
+    TEST_ASSERT_EQUAL_UINT32(255, can_loop_rec(&rig.loop, 1)); /* counts no further */
     can_loop_rules_clear(&rig.loop);
     rig_sends(&rig, 2, 2);
     while (can_loop_frames(&rig.loop) == 0) {
@@ -266,6 +282,31 @@ static void test_error_counters_of_receivers(void) {
     }
     TEST_ASSERT_EQUAL_UINT32(127, can_loop_rec(&rig.loop, 1));
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, rig_state(&rig, 1).mode);
+}
+
+/* Passive as a receiver, it waits after its own frames too; a recovery clears both counters. */
+static void test_receiver_passive_sends(void) {
+    can_loop_auto_recover(&rig.loop, 0, 0);
+    order_rule(0, 0, 0, (can_loop_action_t){.corrupt = true});
+    while (can_loop_rec(&rig.loop, 1) < 140) {
+        if (rig_state(&rig, 0).mode != BERTH_CAN_BUS_OFF && can_loop_waiting(&rig.loop, 0) == 0) {
+            rig_sends(&rig, 0, 1);
+        }
+        can_loop_run(&rig.loop, can_loop_deadline(&rig.loop));
+    }
+    can_loop_down(&rig.loop, 0);
+    can_loop_run(&rig.loop, can_loop_now_us(&rig.loop) + 10000);
+    const uint32_t before = rig.event_count;
+    rig_sends(&rig, 1, 1);
+    rig_sends(&rig, 1, 2);
+    run_to_the_end(&rig);
+    const can_loop_event_t *e = &rig.events[before];
+    TEST_ASSERT_EQUAL_INT64(e[0].end_ns + 11 * RIG_BIT_NS, e[1].start_ns);
+    TEST_ASSERT_EQUAL_UINT32(140, can_loop_rec(&rig.loop, 1));
+    can_loop_bus_off(&rig.loop, 1);
+    can_loop_recover(&rig.loop, 1);
+    run_to_the_end(&rig);
+    TEST_ASSERT_EQUAL_UINT32(0, can_loop_rec(&rig.loop, 1));
 }
 
 static void test_bus_off_by_errors(void) {
@@ -320,6 +361,11 @@ static void test_bus_off_ordered_and_automatic_recovery(void) {
     /* recovery is nothing for a node that is not off; a negative delay is never */
     can_loop_recover(&rig.loop, 1);
     TEST_ASSERT_EQUAL_INT64(CAN_LOOP_NEVER, can_loop_deadline(&rig.loop));
+    can_loop_auto_recover(&rig.loop, 1, INT64_MAX); /* clamped, not wrapped */
+    can_loop_bus_off(&rig.loop, 1);
+    TEST_ASSERT_TRUE(can_loop_deadline(&rig.loop) > INT64_C(1000000000000));
+    can_loop_down(&rig.loop, 1);
+    can_loop_up(&rig.loop, 1);
     can_loop_auto_recover(&rig.loop, 1, -1);
     can_loop_bus_off(&rig.loop, 1);
     TEST_ASSERT_EQUAL_INT64(CAN_LOOP_NEVER, can_loop_deadline(&rig.loop));
@@ -359,6 +405,17 @@ static void test_down_while_sending(void) {
     can_loop_run(&rig.loop, 10000);
     TEST_ASSERT_EQUAL_INT64((53 + rig_bits(1, 3) + 3 + rig_bits(0, 7) + 3) * RIG_BIT_NS,
                             can_loop_busy_ns(&rig.loop));
+}
+
+/* A wire mended in the middle of a frame is too late for it. */
+static void test_mended_in_the_middle_of_a_frame(void) {
+    can_loop_cut(&rig.loop, 1, true);
+    rig_sends(&rig, 0, 1);
+    can_loop_run(&rig.loop, 30);
+    can_loop_cut(&rig.loop, 1, false);
+    run_to_the_end(&rig);
+    rig_gets_nothing(&rig, 1);
+    TEST_ASSERT_EQUAL_UINT64(1, can_loop_counters(&rig.loop, 1)->absent);
 }
 
 /* Who comes in the middle of a frame does not get it. */
@@ -412,7 +469,9 @@ static void test_cut_wire(void) {
     }
     TEST_ASSERT_EQUAL_UINT32(CAN_LOOP_TX_MAX, can_loop_waiting(&rig.loop, 0));
     can_loop_cut(&rig.loop, 0, false);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_PASSIVE, rig_state(&rig, 0).mode);
     run_to_the_end(&rig);
+    TEST_ASSERT_EQUAL_UINT32(128 - CAN_LOOP_TX_MAX, can_loop_tec(&rig.loop, 0));
     TEST_ASSERT_EQUAL_UINT64(CAN_LOOP_TX_MAX, can_loop_counters(&rig.loop, 2)->received - 1);
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, rig_state(&rig, 0).mode);
     /* cut without anything to send: it does not notice */
@@ -477,6 +536,47 @@ static void test_rules_pick_frames(void) {
     }
     TEST_ASSERT_EQUAL_UINT32(16 - 3, from_1);
     TEST_ASSERT_EQUAL_UINT64(3, can_loop_counters(&rig.loop, 2)->deafened);
+}
+
+/* Several rules and the hook at once: their actions add up. */
+static void test_rules_and_hook_add_up(void) {
+    rig_start(&rig, 5);
+    one_t one = {.index = 0, .action = {.deaf = 1u << 2, .delay_us = 500, .flip = {0x0f}}};
+    can_loop_fault(&rig.loop, one_fault, &one);
+    order_rule(0, 0, 1, (can_loop_action_t){.deaf = 1u << 1, .copies = 2, .delay_us = 700});
+    order_rule(0, 0, 1, (can_loop_action_t){.deaf = 1u << 3, .copies = 1, .flip = {0xff}});
+    rig_sends(&rig, 0, 1);
+    run_to_the_end(&rig);
+    TEST_ASSERT_EQUAL_UINT32(3, rig.event_count);
+    for (uint32_t n = 1; n < 4; n++) {
+        TEST_ASSERT_EQUAL_UINT64(1, can_loop_counters(&rig.loop, n)->deafened);
+        TEST_ASSERT_EQUAL_UINT64(2, can_loop_counters(&rig.loop, n)->received);
+    }
+    berth_can_frame_t f;
+    TEST_ASSERT_EQUAL_UINT64(3, can_loop_counters(&rig.loop, 4)->received);
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, rig_receive(&rig, 4, &f));
+    }
+    TEST_ASSERT_EQUAL_INT64(rig_bits(0, 1) + 700, f.time_us); /* the late one comes last */
+    TEST_ASSERT_EQUAL_HEX8(0xf0, f.data[0]);
+}
+
+/* A frame that waits does not hide what ends before it. */
+static void test_deadline_is_the_earliest(void) {
+    order_rule(0, 0, 1, (can_loop_action_t){.delay_us = 60});
+    rig_sends(&rig, 0, 1);
+    const int64_t due_us = rig_bits(0, 1) + 60;
+    can_loop_run(&rig.loop, rig_bits(0, 1) + 20);
+    rig_sends(&rig, 0, 2);
+    TEST_ASSERT_EQUAL_INT64(due_us, can_loop_deadline(&rig.loop));
+    can_loop_run(&rig.loop, 10000);
+    can_loop_bus_off(&rig.loop, 2);
+    can_loop_recover(&rig.loop, 2);
+    can_loop_run(&rig.loop, 10000 + 1400);
+    rig_sends(&rig, 0, 3);
+    TEST_ASSERT_EQUAL_INT64(10000 + 1408, can_loop_deadline(&rig.loop));
+    can_loop_run(&rig.loop, 10000 + 1408);
+    TEST_ASSERT_EQUAL_INT64(10000 + 1400 + rig_bits(0, 3), can_loop_deadline(&rig.loop));
 }
 
 static void test_rules_with_probability(void) {
@@ -698,16 +798,21 @@ int main(void) {
     RUN_TEST(test_altered_data);
     RUN_TEST(test_corrupted_frame);
     RUN_TEST(test_error_counters_of_the_sender);
+    RUN_TEST(test_bus_off_is_above_255);
     RUN_TEST(test_passive_sender_waits);
     RUN_TEST(test_error_counters_of_receivers);
+    RUN_TEST(test_receiver_passive_sends);
     RUN_TEST(test_bus_off_by_errors);
     RUN_TEST(test_bus_off_ordered_and_automatic_recovery);
     RUN_TEST(test_down_while_sending);
+    RUN_TEST(test_mended_in_the_middle_of_a_frame);
     RUN_TEST(test_up_in_the_middle_of_a_frame);
     RUN_TEST(test_alone_on_the_bus);
     RUN_TEST(test_cut_wire);
     RUN_TEST(test_babbling_node);
     RUN_TEST(test_rules_pick_frames);
+    RUN_TEST(test_deadline_is_the_earliest);
+    RUN_TEST(test_rules_and_hook_add_up);
     RUN_TEST(test_rules_with_probability);
     RUN_TEST(test_refused_rules);
     RUN_TEST(test_no_such_node);
