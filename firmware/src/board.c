@@ -5,29 +5,6 @@
 
 #include <math.h>
 
-static void berth_controller_remove_obstacle(berth_controller_t *controller, uint16_t id) {
-    berth_obstacles_t *list = &controller->obstacles;
-    for (uint32_t i = 0; i < list->count; i++) {
-        if (list->slots[i].id == id) {
-            list->count--;
-            list->slots[i] = list->slots[list->count];
-            return;
-        }
-    }
-}
-
-static berth_error_t berth_controller_put_obstacle(berth_controller_t *controller, uint16_t id,
-                                                   const berth_obstacle_t *obstacle,
-                                                   int64_t expires_us, berth_refusal_t *refusal) {
-    berth_controller_remove_obstacle(controller, id);
-    const berth_error_t error = berth_controller_add_obstacle(controller, obstacle, refusal);
-    if (error == BERTH_OK) {
-        controller->obstacles.slots[controller->obstacles.count - 1].id = id;
-        controller->obstacles.slots[controller->obstacles.count - 1].expires_us = expires_us;
-    }
-    return error;
-}
-
 /* A frame's own time counts when it is at most this old. */
 #define FRAME_AGE_MAX_US 1000000
 

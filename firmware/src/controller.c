@@ -36,6 +36,7 @@ berth_error_t berth_controller_init(berth_controller_t *controller, const berth_
     }
     controller->plan = NULL; /* unusable until all is checked */
     controller->started = false;
+    berth_obstacles_clear(&controller->obstacles);
     if (plan == NULL || config == NULL || refusal == NULL) {
         return BERTH_ERROR_ARGUMENT;
     }
@@ -50,7 +51,6 @@ berth_error_t berth_controller_init(berth_controller_t *controller, const berth_
     }
     controller->limits_config = config->limits;
     berth_limits_reset(&controller->limits);
-    berth_obstacles_clear(&controller->obstacles);
     if (plan->closed) {
         controller->hold_gain = (berth_gain_t){{{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}}};
     } else {
@@ -61,9 +61,10 @@ berth_error_t berth_controller_init(berth_controller_t *controller, const berth_
     return BERTH_OK;
 }
 
-berth_error_t berth_controller_add_obstacle(berth_controller_t *controller,
-                                            const berth_obstacle_t *obstacle,
-                                            berth_refusal_t *refusal) {
+/* Whether the obstacle may be taken in. A refusal names it by index. */
+static berth_error_t check_obstacle(const berth_controller_t *controller,
+                                    const berth_obstacle_t *obstacle, uint32_t index,
+                                    berth_refusal_t *refusal) {
     if (controller == NULL || obstacle == NULL || refusal == NULL) {
         return BERTH_ERROR_ARGUMENT;
     }
@@ -75,10 +76,31 @@ berth_error_t berth_controller_add_obstacle(berth_controller_t *controller,
         error = berth_avoid_check_obstacle(&controller->avoid, obstacle, refusal);
     }
     if (error != BERTH_OK) {
-        refusal->index = controller->obstacles.count;
-        return error;
+        refusal->index = index;
     }
-    return berth_obstacles_add(&controller->obstacles, obstacle);
+    return error;
+}
+
+berth_error_t berth_controller_add_obstacle(berth_controller_t *controller,
+                                            const berth_obstacle_t *obstacle,
+                                            berth_refusal_t *refusal) {
+    const uint32_t index = controller != NULL ? controller->obstacles.count : 0;
+    const berth_error_t error = check_obstacle(controller, obstacle, index, refusal);
+    return error == BERTH_OK ? berth_obstacles_add(&controller->obstacles, obstacle) : error;
+}
+
+berth_error_t berth_controller_put_obstacle(berth_controller_t *controller, uint16_t id,
+                                            const berth_obstacle_t *obstacle, int64_t expires_us,
+                                            berth_refusal_t *refusal) {
+    const berth_error_t error = check_obstacle(controller, obstacle, id, refusal);
+    return error == BERTH_OK ? berth_obstacles_put(&controller->obstacles, id, obstacle, expires_us)
+                             : error;
+}
+
+void berth_controller_remove_obstacle(berth_controller_t *controller, uint16_t id) {
+    if (controller != NULL && controller->plan != NULL) {
+        berth_obstacles_remove(&controller->obstacles, id);
+    }
 }
 
 berth_error_t berth_controller_start(berth_controller_t *controller, int64_t now_us) {
@@ -179,6 +201,9 @@ berth_error_t berth_controller_step(berth_controller_t *controller, int64_t now_
         return error;
     }
     controller->last_us = now_us;
+    if (now_us >= controller->obstacles.earliest_us) {
+        (void)berth_obstacles_expire(&controller->obstacles, now_us);
+    }
     berth_reference_advance(&controller->reference, controller->plan, now_us);
     control(controller, pose, command);
     return BERTH_OK;

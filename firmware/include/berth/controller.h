@@ -5,9 +5,12 @@
  *     berth_controller_start(&controller, now_us);
  *     each period: berth_controller_step(&controller, now_us, &pose, &command);
  *
+ * Obstacles that are seen on the way come and go with berth_controller_put_obstacle, before or
+ * after the start.
+ *
  * All state is in the caller's struct; nothing is allocated and no clock is read. A controller is
- * not thread safe: init, add, start and step of one controller belong to one context (a task or one
- * interrupt level). Different controllers are independent.
+ * not thread safe: all calls for one controller belong to one context (a task or one interrupt
+ * level). Different controllers are independent.
  *
  * Safety: whatever goes wrong in a step, the command is zero, the reason is returned and kept, and
  * every later step gives zero and the same reason until berth_controller_start is called again.
@@ -84,12 +87,32 @@ BERTH_MUST_USE berth_error_t berth_controller_add_obstacle(berth_controller_t *c
                                                            const berth_obstacle_t *obstacle,
                                                            berth_refusal_t *refusal);
 
+/* Checks an obstacle as berth_controller_add_obstacle does, and puts it under an id until
+ * expires_us: see berth_obstacles_put. It is dropped by the first step at that time or later
+ * (BERTH_OBSTACLE_FOREVER: by none). May be called while running. The clearance theorem holds from
+ * the moment on that the robot is outside its hard radius; an obstacle that appears around the
+ * robot makes it stand, turn away and leave.
+ * Returns BERTH_OK; BERTH_ERROR_CONFIG or BERTH_ERROR_CLEARANCE with *refusal filled (index: the
+ * id); BERTH_ERROR_CAPACITY; BERTH_ERROR_ARGUMENT (a pointer is missing, or an id above
+ * BERTH_OBSTACLE_ID_MAX); BERTH_ERROR_STATE before a successful init. After an error nothing has
+ * changed: an old obstacle with that id stays. */
+BERTH_MUST_USE berth_error_t berth_controller_put_obstacle(berth_controller_t *controller,
+                                                           uint16_t id,
+                                                           const berth_obstacle_t *obstacle,
+                                                           int64_t expires_us,
+                                                           berth_refusal_t *refusal);
+
+/* Removes the obstacle that was put under this id, if there is one; those that were added stay. May
+ * be called while running. */
+void berth_controller_remove_obstacle(berth_controller_t *controller, uint16_t id);
+
 /* Starts (or restarts) at sample 0 with the robot taken to stand, and clears a kept error.
  * Returns BERTH_OK, BERTH_ERROR_STATE before a successful init, or BERTH_ERROR_TIME. Cost: the
  * look-ahead for each obstacle, up to BERTH_SCAN_AHEAD samples. */
 BERTH_MUST_USE berth_error_t berth_controller_start(berth_controller_t *controller, int64_t now_us);
 
-/* One period: advances the reference, computes error, law, avoidance and limits.
+/* One period: drops the obstacles that have expired, advances the reference, computes error, law,
+ * avoidance and limits.
  * now_us: monotonic time. pose: measured pose at that time; theta may be any finite angle.
  * *command is always written: zero on any error. A step without a command to write stops the robot
  * like any other error.

@@ -45,8 +45,9 @@ typedef struct {
 /* Expiry of an obstacle that stays. */
 #define BERTH_OBSTACLE_FOREVER INT64_MAX
 
-/* Id of an obstacle that stays; those from the bus have 0 to 255. */
+/* Id of an obstacle that stays; those from the bus have 0 to BERTH_OBSTACLE_ID_MAX. */
 #define BERTH_OBSTACLE_STATIC 0xffffu
+#define BERTH_OBSTACLE_ID_MAX 255u
 
 typedef struct {
     int64_t expires_us; /* BERTH_OBSTACLE_FOREVER: never */
@@ -56,11 +57,12 @@ typedef struct {
 } berth_obstacle_slot_t;
 
 typedef struct {
+    int64_t earliest_us; /* no obstacle expires before; may be too early, never too late */
     berth_obstacle_slot_t slots[BERTH_OBSTACLES_MAX];
     uint32_t count;
 } berth_obstacles_t;
 
-/* Empties the list. */
+/* Empties the list. Must come before anything else. */
 void berth_obstacles_clear(berth_obstacles_t *obstacles);
 
 /* Validates one obstacle by itself: finite, in range, R <= C <= G. The clearance condition is
@@ -69,22 +71,27 @@ void berth_obstacles_clear(berth_obstacles_t *obstacles);
 BERTH_MUST_USE berth_error_t berth_obstacle_check(const berth_obstacle_t *obstacle,
                                                   berth_refusal_t *refusal);
 
-/* Appends a checked obstacle. Returns BERTH_OK or BERTH_ERROR_CAPACITY. */
+/* Appends a checked obstacle that stays: it never expires, and no id replaces or removes it.
+ * Returns BERTH_OK or BERTH_ERROR_CAPACITY. */
 BERTH_MUST_USE berth_error_t berth_obstacles_add(berth_obstacles_t *obstacles,
                                                  const berth_obstacle_t *obstacle);
 
 /* Puts a checked obstacle that expires: under an id that is in the list it takes the place of the
  * old one, else it is appended. What avoidance remembers of it is kept when it has moved by less
- * than its hard radius, so that a jittering detection does not make the robot change sides. id: 0
- * to 255. Returns BERTH_OK or BERTH_ERROR_CAPACITY. O(count). */
+ * than its hard radius since it was last put, so that a jittering detection does not make the robot
+ * change sides; else the look-ahead and the choice of side start over. id: 0 to
+ * BERTH_OBSTACLE_ID_MAX. Returns BERTH_OK, BERTH_ERROR_ARGUMENT (another id) or
+ * BERTH_ERROR_CAPACITY; after an error nothing has changed. O(count). */
 BERTH_MUST_USE berth_error_t berth_obstacles_put(berth_obstacles_t *obstacles, uint16_t id,
                                                  const berth_obstacle_t *obstacle,
                                                  int64_t expires_us);
 
-/* Removes the obstacle with this id, if there is one. O(count). */
+/* Removes the obstacle with this id, if there is one. The others keep their order, here and in
+ * expire. O(count). */
 void berth_obstacles_remove(berth_obstacles_t *obstacles, uint16_t id);
 
-/* Removes those that expire at now_us or before. Returns how many. O(count). */
+/* Removes those that expire at now_us or before. Returns how many. O(count); one comparison when
+ * now_us is before earliest_us. */
 uint32_t berth_obstacles_expire(berth_obstacles_t *obstacles, int64_t now_us);
 
 #ifdef __cplusplus
