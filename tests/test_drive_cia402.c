@@ -833,7 +833,7 @@ static void test_positions_wrap_modulo_two_to_the_32(void) {
     double travel = 0.0;
     double expected = 0.0;
     for (int i = 0; i < 2000; i++) {
-        const int32_t moved = (int32_t)support_index(4000) - 1000;
+        const int32_t moved = (int32_t)support_index(1200) - 400;
         counts += (uint32_t)moved;
         expected += moved * rad_per_count;
         say_status(0x0237);

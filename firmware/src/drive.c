@@ -9,6 +9,13 @@
 #define RAD_PER_TURN 6.28318531f
 #define SECONDS_PER_US 1.0e-6f
 
+/* A position jumps when it is further from where the speed says than a quarter of a motor turn,
+ * 50 ms of time stamp error and a mean acceleration of 1000 turns/s^2 between two speeds explain.
+ */
+#define JUMP_TURNS 0.25f
+#define JUMP_TIME_S 0.05f
+#define JUMP_TURNS_PER_S2 250.0f
+
 static void count(uint32_t *counter) {
     if (*counter < UINT32_MAX) {
         (*counter)++;
@@ -44,9 +51,16 @@ static void forget_feedback(berth_drive_t *drive) {
     drive->status.feedback_us = -1;
     drive->status.heartbeat_us = -1;
     drive->status.velocity_radps = 0.0f;
-    drive->status.position_used = false;
     drive->travel_us = -1;
-    drive->gap_rad = 0.0f;
+    drive_position_lost(drive);
+}
+
+/* Byte by byte, because an initializer need not reach the union's larger members. */
+static void zero_state(berth_drive_t *drive) {
+    unsigned char *const bytes = (unsigned char *)&drive->state;
+    for (size_t i = 0; i < sizeof drive->state; i++) {
+        bytes[i] = 0;
+    }
 }
 
 berth_error_t berth_drive_init(berth_drive_t *drive, const berth_drive_config_t *config,
@@ -65,6 +79,7 @@ berth_error_t berth_drive_init(berth_drive_t *drive, const berth_drive_config_t 
         .config = *config,
         .motor_turns_per_rad = (float)config->sign * config->gear_ratio * TURNS_PER_RAD,
     };
+    zero_state(drive);
     forget_feedback(drive);
     return BERTH_OK;
 }
@@ -235,6 +250,10 @@ void drive_alive(berth_drive_t *drive, int64_t at_us) {
     }
 }
 
+static int64_t later(int64_t a, int64_t b) {
+    return a > b ? a : b;
+}
+
 /* Time between two events as float32; more than the feedback timeout means nothing here. */
 static float seconds(const berth_drive_t *drive, int64_t from_us, int64_t to_us) {
     const int64_t longest_us = drive->config.feedback_timeout_us;
@@ -249,51 +268,89 @@ static void travel_by(berth_drive_t *drive, float angle_rad) {
     drive->gap_rad -= angle_rad;
 }
 
+/* Until when travel may go on with the last speed. A position may have taken it further. */
+static int64_t horizon(const berth_drive_t *drive) {
+    const int64_t longest_us = drive->status.feedback_us + drive->config.feedback_timeout_us;
+    return later(longest_us, drive->travel_us);
+}
+
 /* Goes on, or back, with the last speed: a frame may have been on the wire before the last step. */
 static void extrapolate(berth_drive_t *drive, int64_t to_us) {
     travel_by(drive, drive->status.velocity_radps * seconds(drive, drive->travel_us, to_us));
     drive->travel_us = to_us;
 }
 
+/* Up to a measurement at at_us. What lies beyond the horizon is for the measurement to tell. */
+static void advance(berth_drive_t *drive, int64_t at_us) {
+    extrapolate(drive, earlier(at_us, horizon(drive)));
+    drive->travel_us = at_us;
+}
+
+static float magnitude(float value) {
+    return value < 0.0f ? -value : value;
+}
+
 void drive_velocity(berth_drive_t *drive, float motor_rps, int64_t at_us) {
     const float velocity = motor_rps / drive->motor_turns_per_rad;
     if (drive->travel_us < 0) {
         drive->travel_us = at_us;
+        drive->status.feedback_us = at_us;
     } else {
-        extrapolate(drive, at_us);
+        /* The order in which frames came is surer than their times: none takes the time back. */
+        const int64_t when_us = later(at_us, drive->status.feedback_us);
+        advance(drive, when_us);
         /* since the last feedback the speed has gone from the old one to this one */
         travel_by(drive, 0.5f * (velocity - drive->status.velocity_radps) *
-                             seconds(drive, drive->status.feedback_us, at_us));
+                             seconds(drive, drive->status.feedback_us, when_us));
+        drive->status.feedback_us = when_us;
     }
     drive->status.velocity_radps = velocity;
-    drive->status.feedback_us = at_us;
+    drive->fastest_radps = maximum(drive->fastest_radps, magnitude(velocity));
 }
 
-void drive_position(berth_drive_t *drive, float turned, float quantum, int64_t at_us) {
+/* How far, in rad of the wheel, the position may be from where the speed says that it is. */
+static float plausible_gap(const berth_drive_t *drive, float slack, int64_t at_us) {
+    const float span_s = minimum(seconds(drive, drive->position_us, at_us), 1.0f);
+    const float motor_turns = JUMP_TURNS + JUMP_TURNS_PER_S2 * span_s * span_s;
+    const float per_turn = magnitude(1.0f / drive->motor_turns_per_rad);
+    return slack + motor_turns * per_turn + JUMP_TIME_S * drive->fastest_radps;
+}
+
+bool drive_position(berth_drive_t *drive, float turned, float quantum, int64_t at_us) {
     if (drive->travel_us < 0) {
-        return; /* an angle counts from the first speed on */
+        return true; /* an angle counts from the first speed on */
     }
-    extrapolate(drive, at_us);
-    if (!drive->status.position_used) {
-        drive->status.position_used = true;
-        drive->gap_rad = 0.0f;
-        return;
-    }
+    const int64_t when_us = later(at_us, drive->status.feedback_us);
+    advance(drive, when_us);
     /* Within one quantum the speed knows better than the position; beyond it the position does. */
     const float per_turn = 1.0f / drive->motor_turns_per_rad;
-    const float slack = quantum * (per_turn < 0.0f ? -per_turn : per_turn);
-    drive->gap_rad += turned * per_turn;
-    const float kept = minimum(maximum(drive->gap_rad, -slack), slack);
-    drive->travel_rad += drive->gap_rad - kept;
-    drive->gap_rad = kept;
+    const float slack = quantum * magnitude(per_turn);
+    const float gap = drive->gap_rad + turned * per_turn;
+    const bool jumped =
+        drive->status.position_used && !(magnitude(gap) <= plausible_gap(drive, slack, when_us));
+    if (jumped || !drive->status.position_used) {
+        drive->gap_rad = 0.0f; /* the speed alone tells the way to here */
+    } else {
+        const float kept = minimum(maximum(gap, -slack), slack);
+        drive->travel_rad += gap - kept;
+        drive->gap_rad = kept;
+    }
+    drive->status.position_used = true;
+    drive->position_us = when_us;
+    drive->fastest_radps = magnitude(drive->status.velocity_radps);
+    return !jumped;
+}
+
+void drive_position_lost(berth_drive_t *drive) {
+    drive->status.position_used = false;
+    drive->gap_rad = 0.0f;
 }
 
 float berth_drive_travel(berth_drive_t *drive, int64_t now_us) {
     if (drive->travel_us < 0) {
         return 0.0f;
     }
-    const int64_t longest_us = drive->status.feedback_us + drive->config.feedback_timeout_us;
-    extrapolate(drive, earlier(now_us, longest_us));
+    extrapolate(drive, earlier(now_us, horizon(drive)));
     const float travel = drive->travel_rad;
     drive->travel_rad = 0.0f;
     return travel;
@@ -318,7 +375,12 @@ float drive_clamp(berth_drive_t *drive, float value, float limit) {
 
 int32_t drive_to_int(berth_drive_t *drive, float value, float limit) {
     const float clamped = drive_clamp(drive, value, limit);
-    return (int32_t)(clamped < 0.0f ? clamped - 0.5f : clamped + 0.5f);
+    const int32_t whole = (int32_t)clamped;
+    const float rest = clamped - (float)whole; /* exact */
+    if (rest >= 0.5f) {
+        return whole + 1;
+    }
+    return rest <= -0.5f ? whole - 1 : whole;
 }
 
 berth_can_frame_t drive_frame(uint32_t id, bool extended, uint8_t length) {

@@ -119,8 +119,8 @@ static drive_frame_t receive_position(berth_drive_t *drive, const berth_can_fram
     const int32_t moved = state->has_counts ? signed_u32(counts - (uint32_t)state->counts) : 0;
     state->counts = signed_u32(counts);
     state->has_counts = true;
-    drive_position(drive, (float)moved * quantum, quantum, at_us);
-    return DRIVE_FRAME_GOOD;
+    return drive_position(drive, (float)moved * quantum, quantum, at_us) ? DRIVE_FRAME_GOOD
+                                                                         : DRIVE_FRAME_MALFORMED;
 }
 
 /* The drive has lost all that it was told. */

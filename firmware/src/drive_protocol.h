@@ -17,7 +17,7 @@ typedef enum {
 struct berth_drive_protocol {
     /* Checks the fields that are this protocol's own, the node among them. */
     berth_error_t (*check)(const berth_drive_config_t *config, berth_refusal_t *refusal);
-    /* Begins the set-up; drive->state has been zeroed. */
+    /* Begins the set-up, and forgets what it must of drive->state. berth_drive_init zeroed that. */
     void (*enable)(berth_drive_t *drive, int64_t now_us);
     /* Puts frames: take the torque off; quick stop; emergency stop. */
     void (*disable)(berth_drive_t *drive, berth_outbox_t *outbox);
@@ -48,13 +48,18 @@ void drive_fail(berth_drive_t *drive, berth_drive_fault_t fault, uint32_t code);
 /* A sign of life. */
 void drive_alive(berth_drive_t *drive, int64_t at_us);
 
-/* Measured speed of the motor, turns/s. Must be finite. */
+/* Measured speed of the motor, turns/s: |motor_rps| at most 1e9. A time before the last feedback's
+ * counts as that time. */
 void drive_velocity(berth_drive_t *drive, float motor_rps, int64_t at_us);
 
 /* The motor has turned by this since the last position, or this is the first position (turns 0).
  * quantum: what the drive's unit of position is in turns. Call it after drive_velocity when one
- * frame tells both. */
-void drive_position(berth_drive_t *drive, float turned, float quantum, int64_t at_us);
+ * frame tells both. False: it has jumped, further than the speeds since the last position can
+ * explain. Then the speed alone tells the travel up to here, and positions count from this one. */
+bool drive_position(berth_drive_t *drive, float turned, float quantum, int64_t at_us);
+
+/* There is no position any more; the next one will be a first one. */
+void drive_position_lost(berth_drive_t *drive);
 
 /* Commanded speed of the motor, turns/s: zero unless ENABLED. */
 float drive_motor_rps(const berth_drive_t *drive);

@@ -92,7 +92,8 @@ typedef struct {
     int64_t heartbeat_us; /* when the drive last gave a sign of life; -1: never since enabled */
     bool position_used;   /* travel comes from a position, else from the speed alone */
     uint32_t received;    /* good frames from this drive */
-    uint32_t malformed;   /* frames from this drive with a wrong length, type or value */
+    uint32_t malformed;   /* frames from this drive with a wrong length, type or value, and
+                             positions that jumped: see berth_drive_travel */
     uint32_t saturated;   /* commands beyond what the frame or the drive's range can hold */
     uint32_t refused;     /* commands that were not finite: taken as zero */
 } berth_drive_status_t;
@@ -100,16 +101,18 @@ typedef struct {
 /* Protocol states. Private to the drive modules; here so that the caller owns the memory. */
 typedef struct {
     uint8_t step;
-    uint8_t axis_state;
-    bool clear_errors;
+    uint8_t axis_state; /* last told by the heartbeat */
+    uint32_t error;     /* last told by the heartbeat */
+    bool stopped_hard;  /* the emergency stop message was sent since enabling */
     bool has_turns;
-    float turns; /* last position */
-    int64_t retry_us;
+    float turns;      /* last position */
+    int64_t asked_us; /* when the axis was first asked to enable; INT64_MAX: not yet */
+    int64_t retry_us; /* when to do the next step */
 } berth_drive_odrive_state_t;
 
 typedef struct {
     bool has_tachometer;
-    int32_t tachometer; /* last */
+    uint32_t tachometer; /* last */
 } berth_drive_vesc_state_t;
 
 typedef struct {
@@ -138,7 +141,9 @@ struct berth_drive {
     float command_radps;
     float travel_rad;    /* since it was last taken */
     float gap_rad;       /* measured position less the one that travel tells */
+    float fastest_radps; /* since the last position */
     int64_t travel_us;   /* time that travel_rad stands for; -1: no feedback yet */
+    int64_t position_us; /* time of the last position, where position_used */
     int64_t enabling_us; /* when enabling began */
     bool released;       /* told to take the torque off, and not enabled since */
     union {
@@ -199,8 +204,14 @@ int64_t berth_drive_deadline(const berth_drive_t *drive);
 
 /* The wheel's travel in rad from the last call until now_us, and takes it. Up to the last feedback
  * it is measured; from there on it is extrapolated with the last speed, for feedback_timeout_us at
- * most, and the next feedback corrects it, so that no error adds up where the drive tells a
- * position. 0 before the first feedback. */
+ * most, and the next feedback corrects it. 0 before the first feedback after enabling.
+ *
+ * Where the drive tells a position, no error adds up: the sum of all travel is the wheel's angle
+ * within two steps of the position, one for either end. In between the speeds count, taken to
+ * change evenly from one to the next. A position that is further from there than the speeds can
+ * explain (a quarter of a motor turn, 50 ms at the highest speed since, and 250 turns/s^2 over the
+ * time since the last position) is no travel: it is counted as malformed, the speeds alone tell the
+ * way up to it, and later positions count from there. */
 float berth_drive_travel(berth_drive_t *drive, int64_t now_us);
 
 /* What was last known of the drive. Valid until the next call. */
