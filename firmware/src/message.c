@@ -3,6 +3,7 @@
 #include "angle_inline.h"
 #include "berth/avoid.h"
 #include "berth/supervisor.h"
+#include "bytes.h"
 
 #include <math.h>
 
@@ -65,32 +66,12 @@ static int32_t heading_to_units(float angle_rad) {
     return to_signed(berth_wrap(angle_rad), TENTHS_OF_A_MILLI, INT16_MOST);
 }
 
-static void put_u16(uint8_t *out, uint32_t value) {
-    out[0] = (uint8_t)(value & 0xffu);
-    out[1] = (uint8_t)((value >> 8) & 0xffu);
-}
-
-static void put_u24(uint8_t *out, uint32_t value) {
-    put_u16(out, value);
-    out[2] = (uint8_t)((value >> 16) & 0xffu);
-}
-
-static uint32_t get_u16(const uint8_t *in) {
-    return in[0] | ((uint32_t)in[1] << 8);
-}
-
-static uint32_t get_u24(const uint8_t *in) {
-    return get_u16(in) | ((uint32_t)in[2] << 16);
-}
-
 static int32_t get_i16(const uint8_t *in) {
-    const int32_t value = (int32_t)get_u16(in);
-    return value > INT16_MOST ? value - 0x10000 : value;
+    return signed_u16(get_u16_le(in));
 }
 
 static int32_t get_i24(const uint8_t *in) {
-    const int32_t value = (int32_t)get_u24(in);
-    return value > INT24_MOST ? value - 0x1000000 : value;
+    return signed_u24(get_u24_le(in));
 }
 
 /* Division, because it rounds once: the fields are exact in float32, and their units are not. */
@@ -141,9 +122,9 @@ bool berth_message_decode_command(const berth_can_frame_t *frame, berth_command_
 void berth_message_encode_pose(berth_can_frame_t *frame, uint32_t kind, uint8_t address,
                                const berth_pose_t *pose) {
     begin(frame, kind, address, 8);
-    put_u24(&frame->data[0], (uint32_t)to_signed(pose->x_m, TENTHS_OF_A_MILLI, INT24_MOST));
-    put_u24(&frame->data[3], (uint32_t)to_signed(pose->y_m, TENTHS_OF_A_MILLI, INT24_MOST));
-    put_u16(&frame->data[6], (uint32_t)heading_to_units(pose->theta_rad));
+    put_u24_le(&frame->data[0], (uint32_t)to_signed(pose->x_m, TENTHS_OF_A_MILLI, INT24_MOST));
+    put_u24_le(&frame->data[3], (uint32_t)to_signed(pose->y_m, TENTHS_OF_A_MILLI, INT24_MOST));
+    put_u16_le(&frame->data[6], (uint16_t)heading_to_units(pose->theta_rad));
 }
 
 bool berth_message_decode_pose(const berth_can_frame_t *frame, berth_pose_t *out) {
@@ -167,11 +148,11 @@ void berth_message_encode_obstacle(berth_can_frame_t *frame, uint8_t address,
     const float radius = obstacle->radius_m;
     begin(frame, BERTH_MESSAGE_OBSTACLE, address, 8);
     frame->data[0] = obstacle->id;
-    put_u16(&frame->data[1], (uint32_t)to_signed(obstacle->x_m, CENTIS, INT16_MOST));
-    put_u16(&frame->data[3], (uint32_t)to_signed(obstacle->y_m, CENTIS, INT16_MOST));
+    put_u16_le(&frame->data[1], (uint16_t)to_signed(obstacle->x_m, CENTIS, INT16_MOST));
+    put_u16_le(&frame->data[3], (uint16_t)to_signed(obstacle->y_m, CENTIS, INT16_MOST));
     frame->data[5] = is_finite(radius) ? (uint8_t)to_unsigned(radius, CENTIS, RADIUS_MOST)
                                        : (uint8_t)RADIUS_MOST;
-    put_u16(&frame->data[6], obstacle->ttl_ms);
+    put_u16_le(&frame->data[6], obstacle->ttl_ms);
 }
 
 bool berth_message_decode_obstacle(const berth_can_frame_t *frame, berth_message_obstacle_t *out) {
@@ -185,7 +166,7 @@ bool berth_message_decode_obstacle(const berth_can_frame_t *frame, berth_message
         .x_m = from_units(x, (float)CENTIS),
         .y_m = from_units(y, (float)CENTIS),
         .radius_m = from_units(frame->data[5], (float)CENTIS),
-        .ttl_ms = (uint16_t)get_u16(&frame->data[6]),
+        .ttl_ms = get_u16_le(&frame->data[6]),
     };
     return true;
 }
@@ -211,16 +192,16 @@ void berth_message_encode_status(berth_can_frame_t *frame, uint8_t address,
     begin(frame, BERTH_MESSAGE_STATUS, address, 8);
     frame->data[0] = (uint8_t)(state | (mode << 4));
     frame->data[1] = status->fault;
-    put_u24(&frame->data[2], status->total);
+    put_u24_le(&frame->data[2], status->total);
     frame->data[5] = (uint8_t)(at_most(status->active, ACTIVE_MOST) | flags);
-    put_u16(&frame->data[6], clearance_to_units(status));
+    put_u16_le(&frame->data[6], (uint16_t)clearance_to_units(status));
 }
 
 bool berth_message_decode_status(const berth_can_frame_t *frame, berth_message_status_t *out) {
     const uint8_t state = frame->data[0] & 0x0fu;
     const uint8_t mode = frame->data[0] >> 4;
     const uint8_t flags = frame->data[5];
-    const uint32_t clearance = get_u16(&frame->data[6]);
+    const uint32_t clearance = get_u16_le(&frame->data[6]);
     if (!well_formed(frame, 8) || state > (uint8_t)BERTH_SUPERVISOR_FAULT ||
         mode > (uint8_t)BERTH_MODE_BLOCKED) {
         return false;
@@ -229,7 +210,7 @@ bool berth_message_decode_status(const berth_can_frame_t *frame, berth_message_s
         .state = state,
         .mode = mode,
         .fault = frame->data[1],
-        .total = get_u24(&frame->data[2]),
+        .total = get_u24_le(&frame->data[2]),
         .active = flags & ACTIVE_MOST,
         .finished = (flags & 0x20u) != 0,
         .braking = (flags & 0x40u) != 0,
@@ -243,10 +224,10 @@ bool berth_message_decode_status(const berth_can_frame_t *frame, berth_message_s
 void berth_message_encode_error(berth_can_frame_t *frame, uint8_t address,
                                 const berth_message_error_t *error) {
     begin(frame, BERTH_MESSAGE_ERROR, address, 8);
-    put_u16(&frame->data[0], (uint32_t)to_signed(error->error.e1_m, MILLIS, INT16_MOST));
-    put_u16(&frame->data[2], (uint32_t)to_signed(error->error.e2_m, MILLIS, INT16_MOST));
-    put_u16(&frame->data[4], (uint32_t)heading_to_units(error->error.e3_rad));
-    put_u16(&frame->data[6], (uint32_t)to_signed(error->v_mps, MILLIS, INT16_MOST));
+    put_u16_le(&frame->data[0], (uint16_t)to_signed(error->error.e1_m, MILLIS, INT16_MOST));
+    put_u16_le(&frame->data[2], (uint16_t)to_signed(error->error.e2_m, MILLIS, INT16_MOST));
+    put_u16_le(&frame->data[4], (uint16_t)heading_to_units(error->error.e3_rad));
+    put_u16_le(&frame->data[6], (uint16_t)to_signed(error->v_mps, MILLIS, INT16_MOST));
 }
 
 bool berth_message_decode_error(const berth_can_frame_t *frame, berth_message_error_t *out) {

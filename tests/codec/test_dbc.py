@@ -408,12 +408,16 @@ def test_vesc_frames(node):
     """Against the protocol: 29-bit id = packet << 8 | node, big endian."""
     database = load("vesc")
     assert all(message.is_extended_frame for message in database.messages)
-    commands = {("SetErpm", 3, "Speed"): 1, ("SetCurrent", 1, "Current"): 1000}
-    commands["SetCurrentBrake", 2, "Current"] = 1000
-    for (name, packet, signal), per_unit in commands.items():
+    commands = [
+        ("SetDuty", 0, "Duty", -0.75, -75000),
+        ("SetCurrent", 1, "Current", -12.345, -12345),
+        ("SetCurrentBrake", 2, "Current", 12.345, 12345),
+        ("SetErpm", 3, "Speed", -70000, -70000),
+    ]
+    for name, packet, signal, value, raw in commands:
         message = database.get_message_by_name(f"Motor{node}_{name}")
         assert message.frame_id == packet << 8 | node
-        assert message.encode({signal: -12345}) == struct.pack(">i", -12345 * per_unit)
+        assert message.encode({signal: value}) == struct.pack(">i", raw)
     status = database.decode_message(9 << 8 | node, struct.pack(">ihh", -70000, -123, 456))
     assert status == pytest.approx({"Speed": -70000, "Current": -12.3, "Duty": 0.456})
     status = database.decode_message(27 << 8 | node, struct.pack(">ihh", -70000, 241, 0))

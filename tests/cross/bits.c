@@ -142,6 +142,12 @@ static void closed_loop(const berth_plan_t *plan) {
     int modes = 0;
     for (int64_t step = 0; step < SAMPLES + 40; step++) {
         berth_command_t command;
+        if (step % 40 == 10) { /* one that appears ahead, and goes again */
+            const berth_sample_t *ahead = &samples[(step + 10) % SAMPLES];
+            const berth_obstacle_t obstacle = {ahead->x_m, ahead->y_m, 0.05f, 0.3f, 0.5f};
+            require(berth_controller_put_obstacle(&controller, (uint16_t)(step % 3), &obstacle,
+                                                  (step + 30) * 50000, &refusal));
+        }
         require(berth_controller_step(&controller, step * 50000, &pose, &command));
         move(&pose, &command.twist);
         float out[] = {pose.x_m, pose.y_m, pose.theta_rad, command.wheels.left_radps,
@@ -154,8 +160,66 @@ static void closed_loop(const berth_plan_t *plan) {
     report("closed_loop", sum);
 }
 
+/* Wheel travel and fixes in; poses out. */
+static void odometry(void) {
+    static berth_odometry_t odometry;
+    const berth_odometry_config_t config = {0.05f, 0.3f, 0.2f, 0.5f, 0.5f};
+    const berth_pose_t start = {100.0f, -100.0f, 1.0f};
+    berth_refusal_t refusal;
+    require(berth_odometry_init(&odometry, &config, &refusal));
+    require(berth_odometry_set(&odometry, &start, 0));
+    uint64_t sum = digest_start;
+    for (int i = 0; i < 100000; i++) {
+        const float wide = i % 100 == 0 ? 100.0f : 1.0f;
+        const float left = wide * next_unit();
+        const float right = wide * next_unit();
+        berth_odometry_advance(&odometry, left, right);
+        if (i % 10 == 0) {
+            const berth_pose_t fix = {odometry.pose.x_m + next_unit(),
+                                      odometry.pose.y_m + next_unit(), 5.0f * next_unit()};
+            require(berth_odometry_fix(&odometry, &fix, i));
+        }
+        const float out[] = {odometry.pose.x_m, odometry.pose.y_m, odometry.pose.theta_rad,
+                             odometry.distance_m};
+        sum = digest(sum, out, sizeof out / sizeof *out);
+    }
+    report("odometry", sum);
+}
+
+/* Values of any magnitude to frames, and what the frames say. */
+static void messages(void) {
+    uint64_t sum = digest_start;
+    for (int i = 0; i < 100000; i++) {
+        const float scale = i % 4 == 0 ? 0.0f : 900.0f;
+        const berth_pose_t pose = {scale > 0.0f ? scale * next_unit() : next_finite(),
+                                   scale * next_unit(), next_finite()};
+        const berth_message_error_t error = {{40.0f * next_unit(), next_finite(), next_finite()},
+                                             3.0f * next_unit()};
+        const berth_message_obstacle_t obstacle = {(uint8_t)i, 400.0f * next_unit(), next_finite(),
+                                                   3.0f * next_unit(), (uint16_t)i};
+        berth_can_frame_t frames[3];
+        float out[9] = {0.0f};
+        berth_message_encode_pose(&frames[0], BERTH_MESSAGE_POSE, 1, &pose);
+        berth_message_encode_error(&frames[1], 1, &error);
+        berth_message_encode_obstacle(&frames[2], 1, &obstacle);
+        for (int f = 0; f < 3; f++) {
+            memcpy(&out[2 * f], frames[f].data, sizeof frames[f].data);
+        }
+        berth_pose_t back;
+        if (berth_message_decode_pose(&frames[0], &back)) {
+            out[6] = back.x_m;
+            out[7] = back.y_m;
+            out[8] = back.theta_rad;
+        }
+        sum = digest(sum, out, sizeof out / sizeof *out);
+    }
+    report("messages", sum);
+}
+
 int main(void) {
     angles();
+    odometry();
+    messages();
     berth_plan_t zoh = make_plan(BERTH_DISCRETIZATION_ZOH);
     fill_gains("riccati_zoh", &zoh);
     berth_plan_t plan = make_plan(BERTH_DISCRETIZATION_EULER);
