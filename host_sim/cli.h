@@ -2,6 +2,7 @@
 #ifndef HOST_SIM_CLI_H
 #define HOST_SIM_CLI_H
 
+#include "bus/session.h"
 #include "run.h"
 #include "scenario.h"
 #include "summary.h"
@@ -29,10 +30,21 @@ typedef struct {
     uint64_t seed;
     const char **sets; /* room for every argument */
     size_t set_count;
+    bool bus;          /* `run`: board and robot on the virtual bus */
+    bus_setup_t setup; /* of the drives there */
 } cli_options_t;
 
 /* Keys of long options, beyond those of characters. */
-enum { CLI_SEED = 0x100, CLI_SET, CLI_JSON, CLI_FIGURES, CLI_LOG, CLI_STRATEGY, CLI_STRATEGIES };
+enum {
+    CLI_SEED = 0x100,
+    CLI_SET,
+    CLI_JSON,
+    CLI_FIGURES,
+    CLI_LOG,
+    CLI_STRATEGY,
+    CLI_STRATEGIES,
+    CLI_BUS
+};
 
 /* The rows that run and compare have in their argp tables. */
 #define CLI_COMMON_OPTIONS                                                                         \

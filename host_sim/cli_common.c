@@ -5,7 +5,6 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #define SEED_DEFAULT 1u
 
@@ -92,35 +91,9 @@ void cli_parse(const struct argp *argp, int argc, char **argv, const char *name,
     argp_parse(argp, argc, argv, 0, NULL, options);
 }
 
-static bool load(const char *name, const cli_options_t *options, scenario_t *scenario) {
-    scenario_error_t error;
-    if (scenario_builtin(options->scenario, scenario)) {
-        return true;
-    }
-    if (access(options->scenario, F_OK) != 0) {
-        cli_complain(name, "SCENARIO '%s': no such file (allowed: circle, eight or a YAML file)",
-                     options->scenario);
-        return false;
-    }
-    if (!scenario_load(options->scenario, scenario, &error)) {
-        cli_complain(name, "%s", error.text);
-        return false;
-    }
-    return true;
-}
-
 bool cli_load_scenario(const char *name, const cli_options_t *options, scenario_t *scenario) {
     scenario_error_t error;
-    if (!load(name, options, scenario)) {
-        return false;
-    }
-    for (size_t i = 0; i < options->set_count; ++i) {
-        if (!scenario_set(scenario, options->sets[i], &error)) {
-            cli_complain(name, "--set: %s", error.text);
-            return false;
-        }
-    }
-    if (!scenario_check(scenario, &error)) {
+    if (!scenario_open(options->scenario, options->sets, options->set_count, scenario, &error)) {
         cli_complain(name, "%s", error.text);
         return false;
     }

@@ -1,3 +1,4 @@
+#include "bus/bus_report.h"
 #include "cli.h"
 #include "log.h"
 
@@ -8,13 +9,42 @@
 static const struct argp_option option_table[] = {
     {"strategy", CLI_STRATEGY, "S", 0, "Controller; the scenario's own without this option", 0},
     {"log", CLI_LOG, "FILE.csv", 0, "Write one row a period", 0},
+    {"bus", CLI_BUS, "loop", 0,
+     "Put the board and the robot on a virtual CAN bus: frames, drives and odometry between them",
+     0},
     CLI_COMMON_OPTIONS,
     {0},
 };
 
+static void take_bus(const char *argument, struct argp_state *state, cli_options_t *options) {
+    if (strcmp(argument, "loop") != 0) {
+        argp_error(state, "--bus: '%s' is no bus here (allowed: loop)", argument);
+    }
+    options->bus = true;
+}
+
+/* Options of the drives mean nothing where there are none. */
+static void check_bus(struct argp_state *state, const cli_options_t *options) {
+    const char *given = bus_setup_any_given(&options->setup);
+    if (!options->bus && given != NULL) {
+        argp_error(state, "--%s is for the bus (allowed: with --bus loop)", given);
+    }
+}
+
 static error_t parse_option(int key, char *argument, struct argp_state *state) {
     cli_options_t *options = state->input;
     switch (key) {
+    case ARGP_KEY_INIT:
+        bus_setup_init(&options->setup, false);
+        state->child_inputs[0] = &options->setup;
+        state->child_inputs[1] = &options->setup;
+        return 0;
+    case ARGP_KEY_END:
+        check_bus(state, options);
+        return 0;
+    case CLI_BUS:
+        take_bus(argument, state, options);
+        return 0;
     case CLI_STRATEGY:
         options->strategies = argument;
         return 0;
@@ -26,9 +56,16 @@ static error_t parse_option(int key, char *argument, struct argp_state *state) {
     }
 }
 
+static const struct argp_child children[] = {
+    {&bus_setup_argp, 0, "With --bus loop, the drives:", 2},
+    {&bus_setup_robot_argp, 0, "With --bus loop, the localisation:", 3},
+    {0},
+};
+
 static const struct argp argp = {
     .options = option_table,
     .parser = parse_option,
+    .children = children,
     .args_doc = "SCENARIO",
     .doc = "Simulates one run and prints what it amounted to.\n\n"
            "SCENARIO is `circle' or `eight' (the built-in experiments) or a YAML file.",
@@ -79,8 +116,24 @@ static bool commit_sinks(sinks_t *sinks) {
     return true;
 }
 
-static int simulate(const scenario_t *scenario, uint64_t seed, sinks_t *sinks,
-                    run_summary_t *summary) {
+/* What a run came to. */
+typedef struct {
+    run_summary_t summary;
+    session_result_t session; /* on the bus */
+} outcome_t;
+
+static bool run_on_bus(const session_config_t *config, outcome_t *outcome,
+                       scenario_error_t *error) {
+    if (!bus_setup_strategy(config->scenario->avoidance.strategy, error) ||
+        !session_run(config, &outcome->session, error)) {
+        return false;
+    }
+    outcome->summary = outcome->session.robot.summary;
+    return true;
+}
+
+static int simulate(const cli_options_t *options, const scenario_t *scenario, sinks_t *sinks,
+                    outcome_t *outcome) {
     scenario_error_t error;
     run_plan_t plan;
     if (!run_plan_make(scenario, &plan, &error)) {
@@ -88,7 +141,16 @@ static int simulate(const scenario_t *scenario, uint64_t seed, sinks_t *sinks,
         return CLI_USAGE;
     }
     const run_sink_t sink = {on_row, sinks};
-    const bool ok = run_scenario(scenario, &plan, seed, &sink, summary, &error);
+    const session_config_t session = {
+        .scenario = scenario,
+        .plan = &plan,
+        .seed = options->seed,
+        .setup = &options->setup,
+        .sink = &sink,
+    };
+    const bool ok = options->bus ? run_on_bus(&session, outcome, &error)
+                                 : run_scenario(scenario, &plan, options->seed, &sink,
+                                                &outcome->summary, &error);
     run_plan_free(&plan);
     if (!ok) {
         cli_complain("run", "%s", error.text);
@@ -98,22 +160,39 @@ static int simulate(const scenario_t *scenario, uint64_t seed, sinks_t *sinks,
 }
 
 static bool print_table(const cli_options_t *options, const scenario_t *scenario,
-                        const run_summary_t *summary) {
+                        const outcome_t *outcome) {
+    const run_summary_t *summary = &outcome->summary;
     const summary_column_t column = {scenario->avoidance.strategy, *summary};
     printf("%s, seed %llu: %ld periods of %g s in %.2g s\n\n", scenario->name,
            (unsigned long long)options->seed, summary->steps, scenario->period_s, summary->wall_s);
     summary_print_table(stdout, &column, 1);
+    if (options->bus) {
+        bus_report_print_session(stdout, &options->setup, &outcome->session);
+    }
     return fflush(stdout) == 0;
 }
 
+static bool print_json(const cli_options_t *options, const outcome_t *outcome) {
+    json_t *document = summary_json(&outcome->summary);
+    if (document != NULL && options->bus &&
+        json_object_set_new(document, "bus",
+                            bus_report_session_json(&options->setup, &outcome->session)) != 0) {
+        json_decref(document);
+        document = NULL;
+    }
+    return summary_write_json(stdout, document);
+}
+
 static int report(const cli_options_t *options, const scenario_t *scenario,
-                  const run_summary_t *summary) {
-    const bool printed = options->json ? summary_write_json(stdout, summary_json(summary))
-                                       : print_table(options, scenario, summary);
+                  const outcome_t *outcome) {
+    const bool printed =
+        options->json ? print_json(options, outcome) : print_table(options, scenario, outcome);
     if (!printed) {
         cli_complain("run", "cannot write the summary: %s", strerror(errno));
     }
-    return printed && summary->collisions == 0 ? CLI_OK : CLI_FAILED;
+    const bool good =
+        outcome->summary.collisions == 0 && (!options->bus || session_good(&outcome->session));
+    return printed && good ? CLI_OK : CLI_FAILED;
 }
 
 /* With the options and the scenario known to be good. */
@@ -126,18 +205,20 @@ static int run_and_report(const cli_options_t *options, const scenario_t *scenar
         discard_sinks(&sinks);
         return CLI_USAGE;
     }
-    const int status = simulate(scenario, options->seed, &sinks, &run.summary);
+    outcome_t outcome;
+    const int status = simulate(options, scenario, &sinks, &outcome);
     if (status != CLI_OK) {
         discard_sinks(&sinks);
         return status;
     }
+    run.summary = outcome.summary;
     if (!commit_sinks(&sinks)) {
         return CLI_FAILED;
     }
     if (figure_log != NULL && !cli_figures_draw("run", options->figures, scenario, &run, 1)) {
         return CLI_FAILED;
     }
-    return report(options, scenario, &run.summary);
+    return report(options, scenario, &outcome);
 }
 
 static int run_with(const cli_options_t *options) {

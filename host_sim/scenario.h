@@ -71,6 +71,11 @@ bool scenario_builtin(const char *name, scenario_t *scenario);
 /* Reads a YAML scenario file. On false nothing is kept and *error says why. */
 bool scenario_load(const char *path, scenario_t *scenario, scenario_error_t *error);
 
+/* What a program is told: a built-in scenario by its name or one from a YAML file, changed by
+ * sets[] (as scenario_set takes them, in their order), and checked. */
+bool scenario_open(const char *name, const char *const *sets, size_t set_count,
+                   scenario_t *scenario, scenario_error_t *error);
+
 /* Sets one value by its dotted key ("robot.v_max_mps=0.6", "obstacles.0.hard_m=0.2",
  * "mpc.q=[10,40,1]"), with the same checks as a file. */
 bool scenario_set(scenario_t *scenario, const char *assignment, scenario_error_t *error);

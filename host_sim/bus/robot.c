@@ -393,6 +393,46 @@ void bus_robot_receive(bus_robot_t *robot, const berth_can_frame_t *frame) {
     hear_board(robot, frame, at_us);
 }
 
+/* --- what it listens to ------------------------------------------------------------------- */
+
+#define ODRIVE_NODE_MASK 0x7e0u       /* node << 5 | command */
+#define VESC_NODE_MASK 0xffu          /* packet << 8 | node */
+#define CANOPEN_NODE_MASK 0x7fu       /* function << 7 | node */
+#define CANOPEN_BROADCAST_MASK 0x77fu /* NMT and SYNC: function 0 or 1, node 0 */
+#define CANOPEN_HEARTBEAT 0x700u
+#define CANOPEN_FUNCTION_MASK 0x780u
+
+static berth_can_filter_t drive_filter(const drive_sim_config_t *drive) {
+    switch (drive->kind) {
+    case DRIVE_SIM_VESC:
+        return (berth_can_filter_t){drive->node, VESC_NODE_MASK, true};
+    case DRIVE_SIM_CIA402:
+        return (berth_can_filter_t){drive->node, CANOPEN_NODE_MASK, false};
+    default:
+        return (berth_can_filter_t){(uint32_t)drive->node << 5, ODRIVE_NODE_MASK, false};
+    }
+}
+
+uint32_t bus_robot_filters(const drive_sim_config_t drives[2], uint8_t address,
+                           berth_can_filter_t filters[BUS_ROBOT_FILTERS_MAX]) {
+    static const uint32_t kinds[] = {BERTH_MESSAGE_STATUS, BERTH_MESSAGE_POSE, BERTH_MESSAGE_ERROR};
+    uint32_t count = 0;
+    for (size_t i = 0; i < 3; i++) {
+        filters[count++] =
+            (berth_can_filter_t){kinds[i] << 8 | address, BERTH_CAN_EXTENDED_MAX, true};
+    }
+    bool canopen = false;
+    for (int side = 0; side < 2; side++) {
+        filters[count++] = drive_filter(&drives[side]);
+        canopen = canopen || drives[side].kind == DRIVE_SIM_CIA402;
+    }
+    if (canopen) { /* to all nodes; and whose heartbeats are watched is not known beforehand */
+        filters[count++] = (berth_can_filter_t){0, CANOPEN_BROADCAST_MASK, false};
+        filters[count++] = (berth_can_filter_t){CANOPEN_HEARTBEAT, CANOPEN_FUNCTION_MASK, false};
+    }
+    return count;
+}
+
 /* --- life -------------------------------------------------------------------------------- */
 
 static bool check(const bus_robot_config_t *config, scenario_error_t *error) {

@@ -88,6 +88,11 @@ void bus_robot_step(bus_robot_t *robot, int64_t now_us);
 /* When bus_robot_step has something to do, at the latest. */
 int64_t bus_robot_deadline(const bus_robot_t *robot);
 
+/* The receive filters for all frames that such a robot wants. Returns how many. */
+#define BUS_ROBOT_FILTERS_MAX 8u
+uint32_t bus_robot_filters(const drive_sim_config_t drives[2], uint8_t address,
+                           berth_can_filter_t filters[BUS_ROBOT_FILTERS_MAX]);
+
 /* The frame to send next, or NULL; and the note that it has been sent. */
 const berth_can_frame_t *bus_robot_front(bus_robot_t *robot);
 void bus_robot_sent(bus_robot_t *robot);
