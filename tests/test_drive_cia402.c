@@ -264,6 +264,21 @@ static void test_late_and_doubled_answers(void) {
     }
 }
 
+static void test_answers_before_they_are_asked_for(void) {
+    for (uint32_t k = 0; k + 2 < SET_UP; k++) {
+        setUp();
+        walk_to(k);
+        rig_say(&rig, set_up[k].answer);
+        if (heartbeat_after(k)) {
+            rig_say(&rig, "705#7F");
+        }
+        rig_say(&rig, set_up[k + 1].answer);
+        rig_step(&rig);
+        rig_expect(&rig, set_up[k + 1].asks);
+        rig_expect_silence(&rig);
+    }
+}
+
 static bool optional(uint32_t object) {
     return object == 0x600700u || object == 0x605A00u || object == 0x60C201u ||
            object == 0x60C202u || object == 0x180201u || object == 0x180301u;
@@ -421,6 +436,10 @@ static void test_nmt_commands_repeat_until_the_heartbeat_tells(void) {
     rig_say(&rig, "705#7F"); /* dropped out again */
     rig_step(&rig);
     rig_expect(&rig, "000#0105");
+    rig_say(&rig, "705#05");
+    rig_say(&rig, "705#7F");
+    rig_step(&rig);
+    rig_expect(&rig, "000#0105");
 }
 
 static void test_a_heartbeat_that_came_before_need_not_be_waited_for(void) {
@@ -563,6 +582,10 @@ static void test_fault_reset_edges(void) {
         rig.now_us++;
         period("205#800000000000");
     }
+    say_status(0x0200); /* not ready: still the old one's */
+    period("205#000000000000");
+    say_status(0x0238);
+    rig_expect_state(&rig, BERTH_DRIVE_STARTING);
     say_status(0x0250);
     period("205#060000000000");
     say_status(0x023F); /* a new fault is one */
@@ -753,6 +776,84 @@ static void test_stop_disable_and_emergency_literally(void) {
     rig_expect_silence(&rig);
     rig_expect_state(&rig, BERTH_DRIVE_OFF);
     berth_drive_cycle(&rig.drive, rig.now_us, &rig.outbox);
+    rig_expect_silence(&rig);
+}
+
+static void test_while_the_node_is_being_started(void) {
+    walk_to_node();
+    period("205#000000000000"); /* it may hear already */
+    rig_say(&rig, "185#370200100000");
+    TEST_ASSERT_FLOAT_WITHIN(1.0e-3f, 0.628319f, rig_status(&rig)->velocity_radps);
+    period("205#000000000000"); /* but its statusword may be an old one */
+    berth_drive_stop(&rig.drive, &rig.outbox);
+    rig_expect(&rig, "205#020000000000");
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "605#2B40600002000000");
+    rig_expect_silence(&rig);
+}
+
+static void test_after_disabling_its_pdos_are_nobodys(void) {
+    walk_to_enabled();
+    berth_drive_disable(&rig.drive, &rig.outbox);
+    rig_drop(&rig);
+    rig_say(&rig, "185#370200100000");
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, rig_status(&rig)->velocity_radps);
+    berth_drive_stop(&rig.drive, &rig.outbox);
+    rig_expect(&rig, "605#2B40600002000000");
+    rig_expect_silence(&rig);
+
+    for (uint32_t k = 0; k < SET_UP; k++) { /* an answer comes after all */
+        setUp();
+        walk_to(k);
+        berth_drive_disable(&rig.drive, &rig.outbox);
+        rig_drop(&rig);
+        rig_say(&rig, set_up[k].answer);
+        berth_drive_stop(&rig.drive, &rig.outbox);
+        rig_expect(&rig, "605#2B40600002000000");
+        rig_expect_silence(&rig);
+    }
+}
+
+static void test_frames_that_wait(void) {
+    walk_to_enabled();
+    for (int i = 1; i <= 5; i++) { /* a slow bus gets the latest command, once */
+        berth_drive_command(&rig.drive, (float)i);
+        berth_drive_cycle(&rig.drive, rig.now_us, &rig.outbox);
+        berth_drive_sync(&rig.drive, rig.now_us, &rig.outbox);
+    }
+    rig_expect(&rig, "205#0F00537F0000"); /* 5 rad/s * 10 / 2 pi * 4096 = 32594.9 */
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "77F#05");
+    rig_expect_silence(&rig);
+
+    setUp();
+    rig_enable(&rig);
+    rig_step(&rig);
+    berth_drive_stop(&rig.drive, &rig.outbox); /* in the place of the request */
+    rig_expect(&rig, "000#8005");
+    rig_expect(&rig, "605#2B40600002000000");
+    rig_expect_silence(&rig);
+}
+
+/* Frames with an identifier that all drives share must not replace each other. */
+static void test_two_drives_and_one_outbox(void) {
+    walk_to_enabled();
+    rig_t other = rig;
+    other.drive.config.node = 6;
+    berth_drive_stop(&rig.drive, &rig.outbox);
+    berth_drive_stop(&other.drive, &rig.outbox);
+    berth_drive_disable(&rig.drive, &rig.outbox);
+    berth_drive_disable(&other.drive, &rig.outbox);
+    rig_expect(&rig, "205#000000000000"); /* disable in the place of stop */
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "605#2B40600000000000");
+    rig_expect(&rig, "206#000000000000");
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "606#2B40600000000000");
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "000#8005");
+    rig_expect(&rig, "080#");
+    rig_expect(&rig, "000#8006");
     rig_expect_silence(&rig);
 }
 
@@ -1085,6 +1186,7 @@ int main(void) {
     RUN_TEST(test_interpolation_periods);
     RUN_TEST(test_each_request_is_asked_three_times_to_the_microsecond);
     RUN_TEST(test_late_and_doubled_answers);
+    RUN_TEST(test_answers_before_they_are_asked_for);
     RUN_TEST(test_every_abort_code_of_every_request);
     RUN_TEST(test_answers_for_other_objects_and_garbage);
     RUN_TEST(test_a_mode_that_the_drive_does_not_take);
@@ -1104,6 +1206,10 @@ int main(void) {
     RUN_TEST(test_a_faulty_drive_is_told_to_stop_and_can_be_enabled_again);
     RUN_TEST(test_a_fault_of_the_set_up_stops_by_sdo);
     RUN_TEST(test_stop_disable_and_emergency_literally);
+    RUN_TEST(test_while_the_node_is_being_started);
+    RUN_TEST(test_after_disabling_its_pdos_are_nobodys);
+    RUN_TEST(test_frames_that_wait);
+    RUN_TEST(test_two_drives_and_one_outbox);
     RUN_TEST(test_emergency_stop_lets_go_once_the_wheel_stands);
     RUN_TEST(test_velocity_sign_gear_and_units);
     RUN_TEST(test_commands_saturate_and_are_counted);

@@ -112,7 +112,6 @@ static uint16_t enabling_word(berth_drive_cia402_state_t *state, int64_t now_us)
     if (now == STATE_FAULT) {
         return fault_reset_word(state, now_us);
     }
-    state->edge = false;
     switch (now) {
     case STATE_SWITCH_ON_DISABLED:
         return CIA402_WORD_SHUTDOWN;
