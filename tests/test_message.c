@@ -196,8 +196,8 @@ static void test_pose_that_is_not_finite_is_refused(void) {
 }
 
 static void test_position_beyond_the_range_is_refused(void) {
-    static const float beyond[] = {838.8607f,  839.0f,  1000.0f, 1.0e6f,
-                                   4194304.0f, 1.0e30f, FLT_MAX};
+    static const float beyond[] = {838.8607f,  839.0f, 1000.0f,     1.0e6f,  4194304.0f,
+                                   8388608.0f, 1.0e7f, 16777216.0f, 1.0e30f, FLT_MAX};
     for (uint32_t i = 0; i < sizeof beyond / sizeof beyond[0]; i++) {
         encode_pose(beyond[i], 0.0f, 0.0f);
         TEST_ASSERT_EQUAL_INT32(8388607, i24_at(0));

@@ -279,6 +279,64 @@ static void test_heading_at_half_a_turn(void) {
     }
 }
 
+/* What the pose and its rest tell together is finer than the grain at pi, 2.4e-7, by far. */
+static void test_headings_around_half_a_turn_keep_their_rest(void) {
+    for (int j = 0; j < 40; j++) {
+        const float start = 3.0f + 0.0035f * (float)j;
+        float swing = 0.5f * (BERTH_PI - start) * TRACK_M / RADIUS_M;
+        for (int k = 0; k < 60; k++) {
+            swing = nextafterf(swing, 0.0f);
+        }
+        for (int k = 0; k < 120; k++) { /* from a little below pi to a little above */
+            set(0.0f, 0.0f, start);
+            const support_pose_t exact = exact_move(as_double(&odometry.pose), -swing, swing);
+            berth_odometry_advance(&odometry, -swing, swing);
+            expect_wrapped();
+            const double told = (double)odometry.pose.theta_rad + (double)odometry.lost_theta_rad;
+            TEST_ASSERT_DOUBLE_WITHIN(3.0e-8, 0.0, support_wrap(told - exact.theta_rad));
+            swing = nextafterf(swing, 1.0f);
+        }
+    }
+}
+
+/* There and back again: nothing is lost, although the sum is first the smaller of the two. */
+static void test_large_steps_from_small_sums(void) {
+    for (int i = 1; i <= 100; i++) {
+        const float tiny = 1.23456789e-6f * (float)i;
+        set(tiny, tiny, 0.0f);
+        berth_odometry_advance(&odometry, 20.0f, 20.0f);
+        berth_odometry_advance(&odometry, -20.0f, -20.0f);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-11, (double)tiny,
+                                  (double)odometry.pose.x_m + (double)odometry.lost_x_m);
+        set(0.0f, 0.0f, tiny);
+        berth_odometry_advance(&odometry, -3.0f, 3.0f);
+        berth_odometry_advance(&odometry, 3.0f, -3.0f);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-11, (double)tiny,
+                                  (double)odometry.pose.theta_rad +
+                                      (double)odometry.lost_theta_rad);
+    }
+}
+
+/* The rest counts as part of the pose when a fix is compared with it, and goes when it is set. */
+static void test_fix_knows_the_rest_of_the_sums(void) {
+    config.fix_gain = 1.0f;
+    init();
+    set(900.0f, 900.0f, 0.7853982f);
+    berth_odometry_advance(&odometry, 0.0004f, 0.00041f);
+    TEST_ASSERT_TRUE(odometry.lost_x_m != 0.0f && odometry.lost_y_m != 0.0f);
+    TEST_ASSERT_TRUE(odometry.lost_theta_rad != 0.0f);
+    const berth_pose_t there = odometry.pose;
+    berth_odometry_t blended = odometry;
+    TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_odometry_fix(&blended, &there, 1));
+    expect_same_bits(there.x_m, blended.pose.x_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-11, 0.0, (double)blended.lost_x_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-11, 0.0, (double)blended.lost_y_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, 0.0, (double)blended.lost_theta_rad);
+    set(1.0f, 2.0f, 3.0f);
+    TEST_ASSERT_TRUE(odometry.lost_x_m == 0.0f && odometry.lost_y_m == 0.0f);
+    TEST_ASSERT_TRUE(odometry.lost_theta_rad == 0.0f);
+}
+
 static void expect_travel_refused(float left_rad, float right_rad) {
     set(1.0f, 2.0f, 0.5f);
     const uint32_t refused = odometry.refused;
@@ -342,7 +400,9 @@ static void test_age_of_a_fix(void) {
     const berth_pose_t bad = {NAN, 0.0f, 0.0f}; /* is no news */
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_POSE, berth_odometry_fix(&odometry, &bad, 3000000));
     TEST_ASSERT_EQUAL_INT64(1000000, berth_odometry_fix_age_us(&odometry, 3000000));
-    fix(0.0f, 0.0f, 0.0f, 0); /* a fix at time 0 is one, too */
+    fix(0.0f, 0.0f, 0.0f, -5); /* a fix before time began is still one */
+    TEST_ASSERT_EQUAL_INT64(7, berth_odometry_fix_age_us(&odometry, 7));
+    fix(0.0f, 0.0f, 0.0f, 0);
     TEST_ASSERT_EQUAL_INT64(7, berth_odometry_fix_age_us(&odometry, 7));
 }
 
@@ -512,6 +572,9 @@ int main(void) {
     RUN_TEST(test_small_steps_far_from_the_origin);
     RUN_TEST(test_mirrored_drive_gives_mirrored_bits);
     RUN_TEST(test_heading_at_half_a_turn);
+    RUN_TEST(test_headings_around_half_a_turn_keep_their_rest);
+    RUN_TEST(test_large_steps_from_small_sums);
+    RUN_TEST(test_fix_knows_the_rest_of_the_sums);
     RUN_TEST(test_travel_that_cannot_be);
     RUN_TEST(test_nothing_is_known_at_first);
     RUN_TEST(test_age_of_a_fix);

@@ -38,11 +38,11 @@ static void count(uint32_t *counter) {
  */
 static void add(float *sum, float *lost, float term) {
     const float before = *sum;
-    const float whole = term + *lost;
-    const float after = before + whole;
+    const float after = before + term;
     const float taken = after - before;
-    *lost = (before - (after - taken)) + (whole - taken);
-    *sum = after;
+    const float rest = ((before - (after - taken)) + (term - taken)) + *lost;
+    *sum = after + rest;
+    *lost = rest - (*sum - after);
 }
 
 /* Adds a turn of at most pi and wraps. A turn's worth is taken off in two parts, the larger one
@@ -94,7 +94,7 @@ void berth_odometry_advance(berth_odometry_t *odometry, float left_rad, float ri
     const float chord = forward * chord_share(half);
     float sine;
     float cosine;
-    berth_sincos(odometry->pose.theta_rad + (half + odometry->lost_theta_rad), &sine, &cosine);
+    berth_sincos(odometry->pose.theta_rad + half, &sine, &cosine);
     add(&odometry->pose.x_m, &odometry->lost_x_m, chord * cosine);
     add(&odometry->pose.y_m, &odometry->lost_y_m, chord * sine);
     add_heading(odometry, berth_wrap(turn));

@@ -31,7 +31,7 @@ typedef struct {
 typedef struct {
     berth_odometry_config_t config;
     berth_pose_t pose;
-    float lost_x_m; /* what rounding took from the sums */
+    float lost_x_m; /* what rounding took from the sums: they mean pose + lost */
     float lost_y_m;
     float lost_theta_rad;
     float distance_m; /* driven since the last fix, forward and backward added up */
