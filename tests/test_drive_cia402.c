@@ -34,9 +34,9 @@ typedef struct {
 static const exchange_t set_up[] = {
     {"605#2B40600002000000", "585#6040600000000000"}, /* quick stop */
     {"605#2B17100064000000", "585#6017100000000000"}, /* producer heartbeat 100 ms */
+    {"605#2B40600000000000", "585#6040600000000000"}, /* disable voltage */
     {"605#231610012C017F00", "585#6016100100000000"}, /* consumer: node 127, 300 ms */
     {"605#2F60600009000000", "585#6060600000000000"}, /* mode 9 */
-    {"605#4061600000000000", "585#4F61600009000000"}, /* mode display */
     {"605#2B07600003000000", "585#6007600000000000"}, /* abort connection: quick stop */
     {"605#2B5A600006000000", "585#605A600000000000"}, /* quick stop and stay */
     {"605#2FC260010A000000", "585#60C2600100000000"}, /* 10 */
@@ -111,7 +111,7 @@ static void period(const char *command) {
     rig_expect_silence(&rig);
 }
 
-static void walk_to_enabled(void) {
+static void walk_to_operation(void) {
     walk_to_run();
     period("205#000000000000");
     rig_say(&rig, "185#500200000000"); /* switch on disabled */
@@ -121,6 +121,24 @@ static void walk_to_enabled(void) {
     rig_say(&rig, "185#330200000000"); /* switched on */
     period("205#0F0000000000");
     rig_say(&rig, "185#370200000000"); /* operation enabled */
+}
+
+static const exchange_t mode_check = {"605#4061600000000000", "585#4F61600009000000"};
+
+static void walk_to_check(void) {
+    walk_to_operation();
+    rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+    rig_step(&rig);
+    rig_expect(&rig, mode_check.asks);
+    rig_expect_silence(&rig);
+}
+
+static void walk_to_enabled(void) {
+    walk_to_check();
+    rig_say(&rig, mode_check.answer);
+    rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+    period("205#0F0000000000");
+    rig_say(&rig, "185#370200000000");
     rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
     rig_say(&rig, "285#00000000");
 }
@@ -147,21 +165,16 @@ static void test_mode_3_without_position(void) {
             continue; /* 0x60C2 and what maps TPDO2 */
         }
         char asks[32];
-        char answer[32];
         (void)snprintf(asks, sizeof asks, "%s", set_up[i].asks);
-        (void)snprintf(answer, sizeof answer, "%s", set_up[i].answer);
-        if (i == 3) {
-            memcpy(asks + 12, "03", 2);
-        }
         if (i == 4) {
-            memcpy(answer + 12, "03", 2);
+            memcpy(asks + 12, "03", 2);
         }
         rig_step(&rig);
         if (i == 0) {
             rig_expect(&rig, "000#8005");
         }
         rig_expect(&rig, asks);
-        rig_say(&rig, answer);
+        rig_say(&rig, set_up[i].answer);
         if (heartbeat_after(i)) {
             rig_say(&rig, "705#7F");
         }
@@ -345,10 +358,7 @@ static void test_answers_for_other_objects_and_garbage(void) {
             walk_to(k);
             berth_can_frame_t frame = rig_frame(set_up[k].answer);
             frame.data[0] = (uint8_t)command;
-            const bool upload = k == 4;
-            /* expedited upload: 010 in bits 7 to 5, 0 in bit 4, e = 1 in bit 1 */
-            const bool is_upload = command >> 5 == 2 && (command & 0x10) == 0 && (command & 2) != 0;
-            if (command == 0x80 || (upload && is_upload) || (!upload && command == 0x60)) {
+            if (command == 0x80 || command == 0x60) {
                 continue;
             }
             rig_take(&rig, &frame);
@@ -377,26 +387,105 @@ static void test_answers_for_other_objects_and_garbage(void) {
     }
 }
 
+/* --- the mode ------------------------------------------------------------------------------- */
+
+static void next_try(void) {
+    rig_step(&rig);
+    rig_expect_silence(&rig);
+    rig.now_us += BERTH_CIA402_ANSWER_US - 1;
+    rig_step(&rig);
+    rig_expect_silence(&rig);
+    rig.now_us++;
+    TEST_ASSERT_EQUAL_INT64(rig.now_us, berth_drive_deadline(&rig.drive));
+    rig_step(&rig);
+    rig_expect(&rig, mode_check.asks); /* and no NMT command: it is operational */
+    rig_expect_silence(&rig);
+}
+
 static void test_a_mode_that_the_drive_does_not_take(void) {
-    walk_to(4);
+    walk_to_check();
     for (int tries = 1; tries <= 2; tries++) {
         rig_say(&rig, "585#4F61600003000000");
-        rig_step(&rig);
-        rig_expect_silence(&rig);
-        rig.now_us += BERTH_CIA402_ANSWER_US;
-        rig_step(&rig);
-        rig_expect(&rig, "000#8005");
-        rig_expect(&rig, set_up[4].asks);
+        rig_say(&rig, "185#370200000000");
+        rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+        next_try();
     }
     rig_say(&rig, "585#4F616000FF000000");
     rig_expect_fault(&rig, BERTH_DRIVE_FAULT_SETUP, 0x606100FFu);
+    period("205#020000000000");
+
+    setUp(); /* a moment later it does; the size need not be told */
+    walk_to_check();
+    rig_say(&rig, "585#4F61600000000000");
+    next_try();
+    rig_say(&rig, "585#4261600009000000");
+    rig_say(&rig, "185#370200000000");
+    rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
+}
+
+static void test_no_answer_about_the_mode(void) {
+    walk_to_check();
+    next_try();
+    next_try();
+    rig.now_us += BERTH_CIA402_ANSWER_US;
+    rig_step(&rig);
+    rig_expect_fault(&rig, BERTH_DRIVE_FAULT_SETUP_SILENT, 0x606100u);
+    rig_expect_silence(&rig);
 
     setUp();
-    walk_to(4);
-    rig_say(&rig, "585#4F61600003000000");
-    rig_say(&rig, "585#4261600009000000"); /* the size need not be told */
+    walk_to_check();
+    rig_say(&rig, "585#8061600000000206");
+    rig_expect_fault(&rig, BERTH_DRIVE_FAULT_SETUP, 0x06020000u);
+}
+
+static void test_garbage_about_the_mode(void) {
+    for (int command = 0; command < 256; command++) {
+        setUp();
+        walk_to_check();
+        berth_can_frame_t frame = rig_frame(mode_check.answer);
+        frame.data[0] = (uint8_t)command;
+        rig_take(&rig, &frame);
+        rig_say(&rig, "185#370200000000");
+        /* expedited upload: 010 in bits 7 to 5, 0 in bit 4, e = 1 in bit 1 */
+        const bool good = command >> 5 == 2 && (command & 0x10) == 0 && (command & 2) != 0;
+        if (command == 0x80) {
+            rig_expect_fault(&rig, BERTH_DRIVE_FAULT_SETUP, 0x00000009u);
+        } else {
+            rig_expect_state(&rig, good ? BERTH_DRIVE_ENABLED : BERTH_DRIVE_STARTING);
+            TEST_ASSERT_EQUAL_UINT32(good ? 0 : 1, rig_status(&rig)->malformed);
+        }
+    }
+}
+
+static void test_what_happens_while_the_mode_is_asked_for(void) {
+    walk_to_check();
+    rig_say(&rig, "185#380200000000");
+    rig_expect_fault(&rig, BERTH_DRIVE_FAULT_DEVICE, 0);
+
+    setUp();
+    walk_to_check();
+    rig_say(&rig, "705#7F"); /* dropped out: started again, then asked again */
+    rig_say(&rig, mode_check.answer);
     rig_step(&rig);
-    rig_expect(&rig, set_up[5].asks);
+    rig_expect(&rig, "000#0105");
+    rig_say(&rig, "705#05");
+    rig_say(&rig, "185#370200000000");
+    rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+    rig_step(&rig);
+    rig_expect(&rig, mode_check.asks);
+    rig_say(&rig, mode_check.answer);
+    rig_say(&rig, "185#500200000000"); /* disabled once more meanwhile */
+    rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+    period("205#060000000000");
+    rig_say(&rig, "185#370200000000");
+    rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
+
+    setUp();
+    walk_to_check();
+    berth_drive_stop(&rig.drive, &rig.outbox);
+    rig_drop(&rig);
+    rig_say(&rig, "705#7F");
+    rig_expect_fault(&rig, BERTH_DRIVE_FAULT_DISABLED, 0x1007Fu);
 }
 
 /* --- NMT while enabling --------------------------------------------------------------------- */
@@ -565,6 +654,10 @@ static void test_operation_that_we_did_not_enable_is_left_first(void) {
     say_status(0x0233);
     period("205#0F0000000000");
     say_status(0x0237);
+    rig_step(&rig);
+    rig_expect(&rig, mode_check.asks);
+    rig_say(&rig, mode_check.answer);
+    say_status(0x0237);
     rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
 }
 
@@ -632,8 +725,12 @@ static void test_enable_time_outs_tell_how_far_it_came(void) {
     expect_enable_timeout(0x20250u);
     setUp();
     rig.drive.config.enable_timeout_us = 50000;
-    walk_to(3);
+    walk_to(4);
     expect_enable_timeout(0x606000u);
+    setUp();
+    rig.drive.config.enable_timeout_us = 50000;
+    walk_to_check();
+    expect_enable_timeout(0x606100u);
 }
 
 /* --- faults --------------------------------------------------------------------------------- */
@@ -1190,6 +1287,9 @@ int main(void) {
     RUN_TEST(test_every_abort_code_of_every_request);
     RUN_TEST(test_answers_for_other_objects_and_garbage);
     RUN_TEST(test_a_mode_that_the_drive_does_not_take);
+    RUN_TEST(test_no_answer_about_the_mode);
+    RUN_TEST(test_garbage_about_the_mode);
+    RUN_TEST(test_what_happens_while_the_mode_is_asked_for);
     RUN_TEST(test_nmt_commands_repeat_until_the_heartbeat_tells);
     RUN_TEST(test_a_heartbeat_that_came_before_need_not_be_waited_for);
     RUN_TEST(test_boot_up_while_enabling_starts_anew);

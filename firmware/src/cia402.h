@@ -11,7 +11,8 @@ enum {
     CIA402_SETUP = 1, /* requests of the set-up */
     CIA402_HALT = 2,  /* among them: waits until the node says pre-operational */
     CIA402_NODE = 3,  /* waits until the node says operational */
-    CIA402_RUN = 4    /* the 402 state machine counts */
+    CIA402_RUN = 4,   /* the 402 state machine counts */
+    CIA402_CHECK = 5  /* and so does the answer to the last request */
 };
 
 /* Function codes of the default identifiers, CiA 301. The node is added. */
@@ -45,8 +46,10 @@ enum {
     CIA402_WORD_FAULT_RESET = 0x0080
 };
 
-/* cia402_sdo.c: the set-up. start: from its first request. step: in STARTING. */
+/* cia402_sdo.c: the set-up. start: from its first request. check: the last one, which only a drive
+ * in operation can answer; from RUN to CHECK and back. step: in STARTING. */
 void cia402_setup_start(berth_drive_t *drive, int64_t at_us);
+void cia402_setup_check(berth_drive_t *drive, int64_t at_us);
 void cia402_setup_step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox);
 drive_frame_t cia402_answer(berth_drive_t *drive, const berth_can_frame_t *frame, int64_t at_us);
 uint32_t cia402_setup_object(const berth_drive_t *drive); /* index << 8 | sub of the request */

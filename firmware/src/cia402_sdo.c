@@ -35,9 +35,10 @@ static const request_t requests[] = {
     {0x6040, 0, 2, VALUE_AS_IS, WHEN_ALWAYS, CIA402_WORD_QUICK_STOP},
     {0x1017, 0, 2, VALUE_PRODUCER, WHEN_ALWAYS, 0},
 
+    /* not all drives change their mode in a quick stop */
+    {0x6040, 0, 2, VALUE_AS_IS, WHEN_ALWAYS, CIA402_WORD_DISABLE_VOLTAGE},
     {0x1016, 1, 4, VALUE_CONSUMER, WHEN_ALWAYS, 0},
     {0x6060, 0, 1, VALUE_MODE, WHEN_ALWAYS, 0},
-    {0x6061, 0, SIZE_UPLOAD, VALUE_MODE, WHEN_ALWAYS, 0},
     {0x6007, 0, 2, VALUE_AS_IS, WHEN_OPTIONAL, 3},
     {0x605A, 0, 2, VALUE_AS_IS, WHEN_OPTIONAL, 6},
     {0x60C2, 1, 1, VALUE_PERIOD, WHEN_OPTIONAL | WHEN_MODE_9, 0},
@@ -69,9 +70,13 @@ static const request_t requests[] = {
 
     {0x1802, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x380},
     {0x1803, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x480},
+
+    /* some drives tell another mode until operation is enabled */
+    {0x6061, 0, SIZE_UPLOAD, VALUE_MODE, WHEN_ALWAYS, 0},
 };
 
 #define REQUESTS (sizeof requests / sizeof requests[0])
+#define CHECK_REQUEST (REQUESTS - 1)
 
 _Static_assert(REQUESTS <= UINT8_MAX, "the request's number is a byte");
 
@@ -163,10 +168,18 @@ void cia402_setup_start(berth_drive_t *drive, int64_t at_us) {
     };
 }
 
+void cia402_setup_check(berth_drive_t *drive, int64_t at_us) {
+    berth_drive_cia402_state_t *state = &drive->state.cia402;
+    state->stage = CIA402_CHECK;
+    state->request = CHECK_REQUEST;
+    state->tries = 0;
+    state->due_us = at_us;
+}
+
 static void ask(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     const request_t *request = &requests[state->request];
-    if (state->tries > 0 || state->request == 0) {
+    if (state->stage == CIA402_SETUP && (state->tries > 0 || state->request == 0)) {
         cia402_put_nmt(drive, CIA402_NMT_ENTER_PREOPERATIONAL, outbox);
     }
     const berth_can_frame_t frame =
@@ -184,6 +197,7 @@ void cia402_setup_step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *out
     }
     switch (state->stage) {
     case CIA402_SETUP:
+    case CIA402_CHECK:
         if (state->tries >= BERTH_CIA402_TRIES) {
             drive_fail(drive, BERTH_DRIVE_FAULT_SETUP_SILENT, cia402_setup_object(drive));
         } else {
@@ -207,13 +221,13 @@ void cia402_setup_step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *out
 static void next_request(berth_drive_t *drive, int64_t at_us) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     uint32_t number = state->request + 1u;
-    while (number < REQUESTS && !wanted(&drive->config, &requests[number])) {
+    while (number < CHECK_REQUEST && !wanted(&drive->config, &requests[number])) {
         number++;
     }
     state->waiting = false;
     state->tries = 0;
     state->due_us = at_us;
-    if (number >= REQUESTS) {
+    if (number >= CHECK_REQUEST) {
         state->stage = CIA402_NODE;
         return;
     }
@@ -230,10 +244,13 @@ static bool expedited(uint8_t command) {
 
 /* The drive may take a moment to change its mode, so another answer is waited for as long as for
  * any; the last one counts. */
-static void compare_mode(berth_drive_t *drive, uint8_t told, int64_t at_us) {
+static void compare_mode(berth_drive_t *drive, uint8_t told) {
+    berth_drive_cia402_state_t *state = &drive->state.cia402;
     if (told == drive->config.mode) {
-        next_request(drive, at_us);
-    } else if (drive->state.cia402.tries >= BERTH_CIA402_TRIES) {
+        state->waiting = false;
+        state->mode_told = true;
+        state->stage = CIA402_RUN;
+    } else if (state->tries >= BERTH_CIA402_TRIES) {
         drive_fail(drive, BERTH_DRIVE_FAULT_SETUP, BERTH_CIA402_CODE_MODE + told);
     }
 }
@@ -267,7 +284,7 @@ drive_frame_t cia402_answer(berth_drive_t *drive, const berth_can_frame_t *frame
         return DRIVE_FRAME_MALFORMED;
     }
     if (request->size == SIZE_UPLOAD) {
-        compare_mode(drive, frame->data[4], at_us);
+        compare_mode(drive, frame->data[4]);
     } else {
         next_request(drive, at_us);
     }

@@ -43,9 +43,9 @@ bool cia402_fault_told(const berth_drive_t *drive) {
 }
 
 /* An old fault is reset while enabling; one that comes after that is a new one. */
-static void check_starting(berth_drive_t *drive, state_t now) {
+static void check_starting(berth_drive_t *drive, state_t now, int64_t at_us) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
-    if (state->stage != CIA402_RUN) {
+    if (state->stage < CIA402_RUN) {
         return;
     }
     state->told = true;
@@ -57,16 +57,20 @@ static void check_starting(berth_drive_t *drive, state_t now) {
     }
     state->healthy = state->healthy || now > STATE_NOT_READY;
     if (now == STATE_OPERATION && state->asked) {
-        drive_enabled(drive);
+        if (state->mode_told) {
+            drive_enabled(drive);
+        } else if (state->stage == CIA402_RUN) {
+            cia402_setup_check(drive, at_us);
+        }
     }
 }
 
-static void check_state(berth_drive_t *drive) {
+static void check_state(berth_drive_t *drive, int64_t at_us) {
     const berth_drive_cia402_state_t *state = &drive->state.cia402;
     const state_t now = decode(state->statusword);
     switch (drive->status.state) {
     case BERTH_DRIVE_STARTING:
-        check_starting(drive, now);
+        check_starting(drive, now, at_us);
         break;
     case BERTH_DRIVE_ENABLED:
     case BERTH_DRIVE_STOPPED:
@@ -93,7 +97,7 @@ drive_frame_t cia402_status(berth_drive_t *drive, const berth_can_frame_t *frame
     state->statusword = get_u16_le(frame->data);
     const float units = (float)signed_u32(get_u32_le(frame->data + 2));
     drive_velocity(drive, units / drive->config.velocity_units_per_rps, at_us);
-    check_state(drive);
+    check_state(drive, at_us);
     return DRIVE_FRAME_GOOD;
 }
 

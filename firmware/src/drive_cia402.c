@@ -142,11 +142,12 @@ static void nmt_state_told(berth_drive_t *drive, uint8_t told, int64_t at_us) {
         } else if (state->stage == CIA402_NODE && told == CIA402_NMT_OPERATIONAL) {
             state->stage = CIA402_RUN;
             state->due_us = at_us;
-        } else if (state->stage == CIA402_RUN && told != CIA402_NMT_OPERATIONAL) {
+        } else if (state->stage >= CIA402_RUN && told != CIA402_NMT_OPERATIONAL) {
             state->stage = CIA402_NODE;
+            state->waiting = false;
             state->due_us = at_us;
         }
-    } else if (state->stage == CIA402_RUN && told != CIA402_NMT_OPERATIONAL) {
+    } else if (state->stage >= CIA402_RUN && told != CIA402_NMT_OPERATIONAL) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DISABLED, BERTH_CIA402_CODE_NMT + told);
     }
 }
@@ -214,7 +215,7 @@ static int64_t deadline(const berth_drive_t *drive) {
 
 static uint32_t progress(const berth_drive_t *drive) {
     const berth_drive_cia402_state_t *state = &drive->state.cia402;
-    if (state->stage == CIA402_SETUP) {
+    if (state->stage == CIA402_SETUP || state->stage == CIA402_CHECK) {
         return cia402_setup_object(drive);
     }
     return state->stage == CIA402_RUN ? BERTH_CIA402_CODE_STATUS + state->statusword

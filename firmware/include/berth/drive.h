@@ -124,6 +124,7 @@ typedef struct {
     bool told;         /* there has been a statusword since the node was started */
     bool healthy;      /* and one without a fault */
     bool asked;        /* operation has been enabled by us */
+    bool mode_told;    /* by the drive, and it is the one that we want */
     bool edge;         /* the fault reset bit is set */
     bool emergency;    /* take the torque off once the wheel stands */
     bool let_go;       /* it does, after an emergency stop */

@@ -27,9 +27,10 @@
  *       0x6040      controlword 2: quick stop, whatever state a former master left behind
  *       0x1017      producer heartbeat, a third of heartbeat_timeout_us. Then the heartbeat is
  *                   waited for until it says pre-operational, and NMT is repeated each 100 ms
+ *       0x6040      controlword 0: disable voltage, for drives that change their mode or mapping
+ *                   only so. A wheel that is still too fast for the quick stop runs out now
  *       0x1016:1    consumer heartbeat: master_node, heartbeat_timeout_us
- *       0x6060      mode of operation; then 0x6061 is uploaded until it agrees, as often and as
- *                   long as any request is repeated
+ *       0x6060      mode of operation
  *       0x6007 (o)  abort connection option: 3, quick stop when our heartbeat is lost
  *       0x605A (o)  quick stop option: 6, down the quick stop ramp, and stay under torque
  *       0x60C2:1, :2 (o)  interpolation period, mode 9 only
@@ -46,6 +47,9 @@
  *     reset by rising edges of controlword bit 7, at least 20 ms each level, until it is gone;
  *     then shutdown, switch on, enable operation. Operation that we have not enabled, and an
  *     active quick stop, are left by disable voltage first.
+ *  5. With operation enabled and the speed zero, SDO upload of the mode display 0x6061, as often
+ *     and as long as any request: only the mode asked for makes the drive ENABLED. Not before,
+ *     because some drives tell another mode until then.
  *
  * EACH PERIOD: berth_drive_cycle puts RPDO1 (0x200 + node: controlword, target velocity) and
  * berth_drive_sync puts SYNC (0x080), on which all drives obey and answer at once, and our
