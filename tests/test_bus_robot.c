@@ -7,6 +7,7 @@
 #include "unity.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #define LEFT_NODE 1u
@@ -484,6 +485,82 @@ static void test_the_run_ends_when_the_board_leaves_it(void) {
     TEST_ASSERT_EQUAL_size_t(5, row_count);
 }
 
+/* A board that counts the periods itself stops about when the last one ends here. */
+static void test_a_board_that_stops_at_the_end_has_done_it_all(void) {
+    for (int i = 0; i < 3; i++) {
+        const bool soon = i == 1; /* half a period is too soon */
+        const bool faulty = i == 2;
+        setUp();
+        circle();
+        scenario.duration_s = 1.0;
+        create();
+        enable();
+        drive_periods(0, 19, 1.0, 1.0);
+        command_wheels(1.0, 1.0);
+        status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 19);
+        run_until(now_us + PERIOD_US - (soon ? PERIOD_US / 2 + 1 : 1));
+        status(faulty ? BERTH_SUPERVISOR_FAULT : BERTH_SUPERVISOR_STOPPING, BERTH_MODE_TRACK,
+               faulty ? BERTH_FAULT_TRANSMIT : BERTH_FAULT_NONE, 20);
+        const bool done = !soon && !faulty;
+        TEST_ASSERT_EQUAL_INT(done ? BUS_ROBOT_DONE : BUS_ROBOT_LEFT, result()->phase);
+        TEST_ASSERT_EQUAL_INT(done ? 20 : 19, result()->summary.steps);
+        tearDown();
+    }
+    setUp();
+}
+
+/* A frame on the bus, and which kinds of robot want it: odrive, vesc, cia402. */
+typedef struct {
+    uint32_t id;
+    bool extended;
+    bool wanted[3];
+} heard_t;
+
+static bool passes(const berth_can_filter_t *filters, uint32_t count, const heard_t *heard) {
+    for (uint32_t i = 0; i < count; i++) {
+        if (filters[i].extended == heard->extended &&
+            (heard->id & filters[i].mask) == (filters[i].id & filters[i].mask)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static void test_filters_let_through_what_is_heard(void) {
+    static const drive_sim_kind_t kinds[] = {DRIVE_SIM_ODRIVE, DRIVE_SIM_VESC, DRIVE_SIM_CIA402};
+    static const heard_t list[] = {
+        {40u << 5 | 0x0du, false, {true, false, false}},
+        {41u << 5 | 0x07u, false, {true, false, false}},
+        {42u << 5 | 0x0du, false, {false, false, false}},
+        {3u << 8 | 40u, true, {false, true, false}},
+        {4u << 8 | 41u, true, {false, true, false}},
+        {3u << 8 | 42u, true, {false, false, false}},
+        {0x000, false, {false, false, true}}, /* NMT */
+        {0x080, false, {false, false, true}}, /* SYNC */
+        {0x200 | 41u, false, {false, false, true}},
+        {0x600 | 40u, false, {false, false, true}},
+        {0x600 | 42u, false, {false, false, false}},
+        {0x77f, false, {false, false, true}}, /* the board's heartbeat */
+        {BERTH_MESSAGE_STATUS << 8 | ADDRESS, true, {true, true, true}},
+        {BERTH_MESSAGE_POSE << 8 | ADDRESS, true, {true, true, true}},
+        {BERTH_MESSAGE_ERROR << 8 | ADDRESS, true, {true, true, true}},
+        {BERTH_MESSAGE_STATUS << 8 | (ADDRESS + 1u), true, {false, false, false}},
+        {BERTH_MESSAGE_POSE_FIX << 8 | ADDRESS, true, {false, false, false}},
+    };
+    for (size_t k = 0; k < 3; k++) {
+        drive_sim_config_t drives[2] = {drive(40), drive(41)};
+        drives[0].kind = drives[1].kind = kinds[k];
+        berth_can_filter_t filters[BUS_ROBOT_FILTERS_MAX];
+        const uint32_t count = bus_robot_filters(drives, ADDRESS, filters);
+        TEST_ASSERT_LESS_OR_EQUAL_UINT32(BUS_ROBOT_FILTERS_MAX, count);
+        for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
+            char what[48];
+            snprintf(what, sizeof what, "id %x, kind %u", (unsigned)list[i].id, (unsigned)k);
+            TEST_ASSERT_EQUAL_MESSAGE(list[i].wanted[k], passes(filters, count, &list[i]), what);
+        }
+    }
+}
+
 static void test_the_run_ends_when_nothing_is_heard(void) {
     circle();
     create();
@@ -703,6 +780,8 @@ int main(void) {
     RUN_TEST(test_the_run_begins_with_the_boards);
     RUN_TEST(test_the_run_ends_after_the_scenarios_periods);
     RUN_TEST(test_the_run_ends_when_the_board_leaves_it);
+    RUN_TEST(test_a_board_that_stops_at_the_end_has_done_it_all);
+    RUN_TEST(test_filters_let_through_what_is_heard);
     RUN_TEST(test_the_run_ends_when_nothing_is_heard);
     RUN_TEST(test_a_run_begun_long_ago_is_none);
     RUN_TEST(test_collisions_are_counted_by_the_true_robot);

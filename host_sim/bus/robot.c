@@ -250,6 +250,17 @@ static void begin_run(bus_robot_t *robot, uint32_t total, int64_t at_us) {
     robot->period_end_us = at_us + period_us;
 }
 
+/* A board that stops by itself after the scenario's periods says so about when the last one ends
+ * here. */
+static void leave_run(bus_robot_t *robot, uint8_t fault, int64_t at_us) {
+    const int64_t half_us = robot->config.plan->period_us / 2;
+    if (running(robot) && fault == BERTH_FAULT_NONE && robot->meter.number == robot->steps - 1 &&
+        at_us >= robot->period_end_us - half_us) {
+        end_period(robot);
+    }
+    finish(robot, BUS_ROBOT_LEFT);
+}
+
 static void hear_status(bus_robot_t *robot, const berth_message_status_t *status, int64_t at_us) {
     bus_robot_result_t *result = &robot->result;
     result->statuses++;
@@ -260,7 +271,7 @@ static void hear_status(bus_robot_t *robot, const berth_message_status_t *status
     if (result->phase == BUS_ROBOT_WAITING && status->state == BERTH_SUPERVISOR_RUNNING) {
         begin_run(robot, status->total, at_us);
     } else if (status->state != BERTH_SUPERVISOR_RUNNING) {
-        finish(robot, BUS_ROBOT_LEFT);
+        leave_run(robot, status->fault, at_us);
     }
 }
 

@@ -150,7 +150,8 @@ static void serve_robot(session_parts_t *parts, int64_t now_us) {
     }
     bus_robot_step(parts->robot, now_us);
     const berth_can_frame_t *front = bus_robot_front(parts->robot);
-    while (front != NULL && can->api->send(can->context, front) == BERTH_CAN_DONE) {
+    /* on a bus that is down nothing waits: it would be old when the bus is up again */
+    while (front != NULL && can->api->send(can->context, front) != BERTH_CAN_AGAIN) {
         bus_robot_sent(parts->robot);
         front = bus_robot_front(parts->robot);
     }
