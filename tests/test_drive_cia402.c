@@ -191,13 +191,15 @@ static void test_interpolation_periods(void) {
         const char *value, *exponent;
     } cases[] = {
         {1000, "605#2FC2600101000000", "605#2FC26002FD000000"},
-        {20000, "605#2FC2600114000000", "605#2FC26002FD000000"},
-        {255000, "605#2FC26001FF000000", "605#2FC26002FD000000"},
+        {8000, "605#2FC2600108000000", "605#2FC26002FD000000"},
+        {20000, "605#2FC260010A000000", "605#2FC26002FD000000"},  /* a SYNC each 10 ms */
+        {25000, "605#2FC2600153000000", "605#2FC26002FC000000"},  /* each 8.333 ms */
+        {255000, "605#2FC2600162000000", "605#2FC26002FC000000"}, /* each 9.807 ms */
         {2500, "605#2FC2600119000000", "605#2FC26002FC000000"},
         {1250, "605#2FC260017D000000", "605#2FC26002FB000000"},
-        {300000, "605#2FC260011E000000", "605#2FC26002FE000000"},
-        {1000000, "605#2FC2600164000000", "605#2FC26002FE000000"},
-        {999999, "605#2FC2600164000000", "605#2FC26002FE000000"},
+        {2560, "605#2FC260011A000000", "605#2FC26002FC000000"},
+        {1000000, "605#2FC260010A000000", "605#2FC26002FD000000"},
+        {999999, "605#2FC260010A000000", "605#2FC26002FD000000"},
         {3333, "605#2FC2600121000000", "605#2FC26002FC000000"},
     };
     for (uint32_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
@@ -932,6 +934,45 @@ static void test_frames_that_wait(void) {
     rig_expect_silence(&rig);
 }
 
+static void test_syncs_between_the_periods(void) {
+    rig.drive.config.period_us = 50000;
+    walk_to_enabled();
+    rig.drive.config.feedback_timeout_us = 10000000;
+    const int64_t start_us = rig.now_us;
+    period("205#0F0000000000");
+    for (int i = 1; i <= 4; i++) {
+        TEST_ASSERT_EQUAL_INT64(start_us + i * 10000, berth_drive_deadline(&rig.drive));
+        rig.now_us = start_us + i * 10000 - 1;
+        rig_step(&rig);
+        rig_expect_silence(&rig);
+        rig.now_us++;
+        rig_step(&rig);
+        rig_expect(&rig, "080#");
+        rig_expect_silence(&rig);
+    }
+    rig.now_us = start_us + 50000; /* the period's own comes from sync */
+    rig_step(&rig);
+    rig_expect_silence(&rig);
+    period("205#0F0000000000");
+    rig.now_us += 35000; /* the third is late, and two are left out */
+    rig_step(&rig);
+    rig_expect(&rig, "080#");
+    rig_expect_silence(&rig);
+    TEST_ASSERT_EQUAL_INT64(start_us + 90000, berth_drive_deadline(&rig.drive));
+
+    rig_t other = rig; /* two drives, one SYNC */
+    other.drive.config.node = 6;
+    rig.now_us = start_us + 90000;
+    berth_drive_step(&rig.drive, rig.now_us, &rig.outbox);
+    berth_drive_step(&other.drive, rig.now_us, &rig.outbox);
+    rig_expect(&rig, "080#");
+    rig_expect_silence(&rig);
+
+    berth_drive_disable(&rig.drive, &rig.outbox);
+    rig_drop(&rig);
+    TEST_ASSERT_EQUAL_INT64(BERTH_TIME_MAX_US, berth_drive_deadline(&rig.drive));
+}
+
 /* Frames with an identifier that all drives share must not replace each other. */
 static void test_two_drives_and_one_outbox(void) {
     walk_to_enabled();
@@ -1310,6 +1351,7 @@ int main(void) {
     RUN_TEST(test_after_disabling_its_pdos_are_nobodys);
     RUN_TEST(test_frames_that_wait);
     RUN_TEST(test_two_drives_and_one_outbox);
+    RUN_TEST(test_syncs_between_the_periods);
     RUN_TEST(test_emergency_stop_lets_go_once_the_wheel_stands);
     RUN_TEST(test_velocity_sign_gear_and_units);
     RUN_TEST(test_commands_saturate_and_are_counted);

@@ -16,7 +16,6 @@
 #include <stdio.h>
 
 #define TICK_US 200
-#define PERIOD_TICKS 50
 #define WHEEL_TAU_S 0.004
 #define COAST_TAU_S 1.0
 #define NEVER UINT32_MAX
@@ -27,6 +26,7 @@ typedef struct {
     double angle_rad;
     double speed_radps;
     double travel_rad; /* what the firmware has told */
+    double off_rad;    /* largest difference of the two at a control period */
     uint32_t ticks;
     uint32_t frames; /* that were on the bus */
     uint32_t lose;   /* this one gets lost */
@@ -128,11 +128,12 @@ static void control_period(void) {
         berth_drive_sync(&rig->drive, rig->now_us, &rig->outbox);
     }
     pair.travel_rad += (double)berth_drive_travel(&rig->drive, rig->now_us);
+    pair.off_rad = fmax(pair.off_rad, fabs(pair.travel_rad - pair.angle_rad));
 }
 
 static void tick(void) {
     pair.rig.now_us += TICK_US;
-    if (pair.ticks % PERIOD_TICKS == 0) {
+    if (pair.ticks % (pair.rig.drive.config.period_us / TICK_US) == 0) {
         control_period();
     }
     if (pair.ticks % pair.step_ticks == 0) {
@@ -311,6 +312,27 @@ static void test_travel_is_the_wheels_own(void) {
         printf("%s, mode %u: travel off by %.6f rad in %.0f\n",
                config.has_position ? "position" : "speed alone", config.mode, error, distance);
         TEST_ASSERT_DOUBLE_WITHIN(config.has_position ? 1.0e-3 : 1.0e-4 * distance, 0.0, error);
+    }
+}
+
+/* With a long control period too, what the control step knows is at most one SYNC old: the wheel's
+ * speed changes by 20 rad/s at once, which the measured one tells 10 ms later. */
+static void test_feedback_is_fresh_in_long_periods(void) {
+    for (int variant = 0; variant < 2; variant++) {
+        berth_drive_config_t config = rig_config();
+        config.period_us = 50000;
+        config.feedback_timeout_us = 200000;
+        config.has_position = variant == 1;
+        start(config);
+        enable();
+        for (int i = 0; i < 20; i++) {
+            berth_drive_command(&pair.rig.drive, i % 2 == 0 ? 10.0f : -10.0f);
+            run_for(200000);
+        }
+        rig_expect_state(&pair.rig, BERTH_DRIVE_ENABLED);
+        printf("off by %.6f rad at most\n", pair.off_rad);
+        TEST_ASSERT_TRUE(pair.off_rad > 0.0);
+        TEST_ASSERT_DOUBLE_WITHIN(20.0 * 0.0105, 0.0, pair.off_rad);
     }
 }
 
@@ -522,6 +544,7 @@ int main(void) {
     RUN_TEST(test_enables_from_every_state);
     RUN_TEST(test_enables_from_every_nmt_state);
     RUN_TEST(test_travel_is_the_wheels_own);
+    RUN_TEST(test_feedback_is_fresh_in_long_periods);
     RUN_TEST(test_loss_of_our_heartbeat_stops_the_wheel);
     RUN_TEST(test_device_faults_and_resets);
     RUN_TEST(test_trouble_on_the_drives_side);

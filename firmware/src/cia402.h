@@ -57,6 +57,15 @@ uint32_t cia402_setup_object(const berth_drive_t *drive); /* index << 8 | sub of
 void cia402_put_nmt(const berth_drive_t *drive, uint8_t command, berth_outbox_t *outbox);
 void cia402_put_word_by_sdo(const berth_drive_t *drive, uint16_t word, berth_outbox_t *outbox);
 
+/* SYNCs in a control period, and the time between two of them. */
+static inline uint32_t cia402_syncs(const berth_drive_config_t *config) {
+    return (config->period_us + BERTH_CIA402_SYNC_US - 1u) / BERTH_CIA402_SYNC_US;
+}
+
+static inline uint32_t cia402_sync_period_us(const berth_drive_config_t *config) {
+    return config->period_us / cia402_syncs(config);
+}
+
 /* cia402_state.c: the 402 state machine. */
 drive_frame_t cia402_status(berth_drive_t *drive, const berth_can_frame_t *frame, int64_t at_us);
 uint16_t cia402_word(berth_drive_t *drive, int64_t now_us);

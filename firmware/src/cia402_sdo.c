@@ -90,12 +90,12 @@ enum {
 #define ABORT_NO_OBJECT 0x06020000u
 #define ABORT_NO_SUB_INDEX 0x06090011u
 
-/* The control period as value * 10^exponent s, in whole milliseconds where it is, since that is
- * what all drives understand; with three digits otherwise, if they fit a byte. */
-static uint32_t interpolation_period(uint32_t period_us, bool exponent) {
-    uint32_t value = period_us;
+/* The time between two SYNCs as value * 10^exponent s, in whole milliseconds where it is, since
+ * that is what all drives understand; with three digits otherwise, if they fit a byte. */
+static uint32_t interpolation_period(const berth_drive_config_t *config, bool exponent) {
+    uint32_t value = cia402_sync_period_us(config);
     uint32_t power = 0;
-    while (power < 4 && (value > UINT8_MAX || (value % 10 == 0 && power < 3))) {
+    while (power < 3 && (value > UINT8_MAX || value % 10 == 0)) {
         value = (value + 5) / 10;
         power++;
     }
@@ -114,9 +114,9 @@ static uint32_t request_value(const berth_drive_config_t *config, const request_
     case VALUE_MODE:
         return config->mode;
     case VALUE_PERIOD:
-        return interpolation_period(config->period_us, false);
+        return interpolation_period(config, false);
     case VALUE_PERIOD_EXPONENT:
-        return interpolation_period(config->period_us, true);
+        return interpolation_period(config, true);
     default:
         return request->value;
     }

@@ -4,6 +4,8 @@
 #include "check.h"
 #include "cia402.h"
 
+_Static_assert(BERTH_PERIOD_MAX_US / BERTH_CIA402_SYNC_US < UINT8_MAX, "SYNCs left are a byte");
+
 /* Largest float32 below 2^31. */
 #define VELOCITY_LIMIT 2147483520.0f
 
@@ -55,6 +57,7 @@ static void disable(berth_drive_t *drive, berth_outbox_t *outbox) {
     put_word_at_once(drive, CIA402_WORD_DISABLE_VOLTAGE, outbox);
     cia402_put_nmt(drive, CIA402_NMT_ENTER_PREOPERATIONAL, outbox);
     drive->state.cia402.stage = CIA402_NONE;
+    drive->state.cia402.syncs = 0;
 }
 
 static void stop(berth_drive_t *drive, berth_outbox_t *outbox) {
@@ -67,7 +70,7 @@ static void emergency_stop(berth_drive_t *drive, berth_outbox_t *outbox) {
 }
 
 static void cycle(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
-    const berth_drive_cia402_state_t *state = &drive->state.cia402;
+    berth_drive_cia402_state_t *state = &drive->state.cia402;
     const uint16_t word = cia402_word(drive, now_us);
     const bool ours = state->stage >= CIA402_NODE;
     const bool moving =
@@ -75,6 +78,8 @@ static void cycle(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) 
     if (ours) {
         const float target = drive_motor_rps(drive) * drive->config.velocity_units_per_rps;
         put_command(drive, word, drive_to_int(drive, target, VELOCITY_LIMIT), outbox);
+        state->syncs = (uint8_t)(cia402_syncs(&drive->config) - 1u);
+        state->sync_us = now_us + cia402_sync_period_us(&drive->config);
     }
     if (!moving && (!ours || state->nmt_state != CIA402_NMT_OPERATIONAL)) {
         cia402_put_word_by_sdo(drive, word, outbox);
@@ -194,7 +199,20 @@ static drive_frame_t receive(berth_drive_t *drive, const berth_can_frame_t *fram
 
 /* --- time ----------------------------------------------------------------------------------- */
 
+/* Late ones are not made up for. */
+static void sync_between(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
+    berth_drive_cia402_state_t *state = &drive->state.cia402;
+    if (state->syncs > 0 && now_us >= state->sync_us) {
+        put_sync(outbox, BERTH_OUTBOX_LATEST);
+    }
+    while (state->syncs > 0 && now_us >= state->sync_us) {
+        state->syncs--;
+        state->sync_us += cia402_sync_period_us(&drive->config);
+    }
+}
+
 static void step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
+    sync_between(drive, now_us, outbox);
     if (drive->status.state != BERTH_DRIVE_STARTING) {
         return;
     }
@@ -208,9 +226,9 @@ static void step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
 
 static int64_t deadline(const berth_drive_t *drive) {
     const berth_drive_cia402_state_t *state = &drive->state.cia402;
-    return drive->status.state == BERTH_DRIVE_STARTING && state->stage != CIA402_RUN
-               ? state->due_us
-               : BERTH_TIME_MAX_US;
+    const bool timed = drive->status.state == BERTH_DRIVE_STARTING && state->stage != CIA402_RUN;
+    const int64_t due_us = timed ? state->due_us : BERTH_TIME_MAX_US;
+    return state->syncs > 0 && state->sync_us < due_us ? state->sync_us : due_us;
 }
 
 static uint32_t progress(const berth_drive_t *drive) {

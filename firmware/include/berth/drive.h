@@ -132,6 +132,8 @@ typedef struct {
     uint16_t statusword;
     uint16_t error_code; /* of the last emergency message, 0 when all errors are gone */
     int32_t counts;      /* last position */
+    uint8_t syncs;       /* still to come in this period */
+    int64_t sync_us;     /* when the next of them is due */
     int64_t due_us;      /* when to try again */
 } berth_drive_cia402_state_t;
 

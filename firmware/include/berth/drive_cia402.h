@@ -54,7 +54,10 @@
  * EACH PERIOD: berth_drive_cycle puts RPDO1 (0x200 + node: controlword, target velocity) and
  * berth_drive_sync puts SYNC (0x080), on which all drives obey and answer at once, and our
  * heartbeat (0x700 + master_node: operational). Both are for the whole bus, so sync puts them in
- * every state of the drive it is called with. The drive's watchdog is our heartbeat: when it is
+ * every state of the drive it is called with. Where the period is longer than
+ * BERTH_CIA402_SYNC_US, berth_drive_step puts more SYNCs, evenly, so that feedback is never older
+ * than that when a control step wants it; 0x60C2 is the time between two SYNCs. Drives of one
+ * period in one outbox share them. The drive's watchdog is our heartbeat: when it is
  * lost for heartbeat_timeout_us, the drive does what 0x6007 says. Drives without that object do
  * what their maker has decided: try it, wheels off the ground.
  *
@@ -102,7 +105,7 @@
  * NMT state or an SDO command that does not exist or does not fit. Answers to what was not asked
  * (late ones, after a repetition) are good and mean nothing.
  *
- * Frames of one drive at 100 Hz: RPDO1, TPDO1, with has_position TPDO2; SYNC and heartbeat once.
+ * Frames each period: RPDO1 and our heartbeat; each SYNC: itself, TPDO1, with has_position TPDO2.
  */
 #ifndef BERTH_DRIVE_CIA402_H
 #define BERTH_DRIVE_CIA402_H
@@ -121,6 +124,9 @@ extern "C" {
  * long at least each level of the fault reset bit is held. */
 #define BERTH_CIA402_NMT_REPEAT_US 100000
 #define BERTH_CIA402_RESET_HOLD_US 20000
+
+/* Longest time between two SYNCs while the drive's PDOs are ours. */
+#define BERTH_CIA402_SYNC_US 10000u
 
 /* A wheel below this stands, for the end of an emergency stop. */
 #define BERTH_CIA402_STANDING_RADPS 0.1f
