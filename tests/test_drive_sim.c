@@ -131,6 +131,15 @@ static void test_odrive_obeys_velocity_only_in_closed_loop_and_velocity_mode(voi
     odrive_velocity();
     TEST_ASSERT_EQUAL_DOUBLE(0.0, target_turns_per_s());
 
+    /* Velocity behind its ramp, then modes that are none of this robot's. */
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(2, 0, 0, 0, 2, 0, 0, 0)));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.5, target_turns_per_s());
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(3, 0, 0, 0, 8, 0, 0, 0)));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, target_turns_per_s());
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(1, 0, 0, 0, 1, 0, 0, 0)));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, target_turns_per_s());
+    TEST_ASSERT_EQUAL_UINT(0, malformed());
+
     odrive_velocity_mode();
     odrive_velocity();
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.5, target_turns_per_s());
@@ -189,6 +198,19 @@ static void test_odrive_watchdog_looks_before_a_late_frame(void) {
     odrive_run_velocity();
     rig_now_us += 60000; /* nobody called step in between */
     odrive_velocity();
+    TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
+}
+
+static void test_odrive_watchdog_begins_with_the_closed_loop(void) {
+    odrive_create();
+    rig_run(1000000);
+    odrive_state(8);
+    TEST_ASSERT_TRUE(drive_sim_deadline(rig_sim) <= rig_now_us + 50000);
+    rig_run(40000);
+    odrive_state(8); /* again: feeds nothing */
+    rig_run(9999);
+    TEST_ASSERT_TRUE(drive_sim_enabled(rig_sim));
+    rig_run(1);
     TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
 }
 
@@ -252,11 +274,13 @@ static void test_odrive_malformed_frames_change_nothing(void) {
     TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x07), RIG_BYTES(3, 0, 0, 0))); /* calibrate */
     TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x07), RIG_BYTES(1, 0, 0, 1))); /* 0x01000001 */
     TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(9, 0, 0, 0, 1, 0, 0, 0)));
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(2, 0, 0, 0, 9, 0, 0, 0)));
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0b), RIG_BYTES(4, 0, 0, 0, 1, 0, 0, 0)));
     TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x01), zeros, 8));
     TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x09), zeros, 8));
     TEST_ASSERT_TRUE(rig_remote(ODRIVE_ID(0x0d), false, 8));
     TEST_ASSERT_TRUE(rig_remote(ODRIVE_ID(0x02), false, 0));
-    expected += 7;
+    expected += 9;
     TEST_ASSERT_EQUAL_UINT(expected, malformed());
     TEST_ASSERT_TRUE(drive_sim_enabled(rig_sim));
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.5, target_turns_per_s());
@@ -285,9 +309,11 @@ static void test_odrive_trouble(void) {
     rig_expect_standard(0x061, RIG_BYTES(0, 0, 0, 0, 8, 1, 0, 0));
     rig_expect_nothing();
     rig_trouble((drive_sim_trouble_t){.mute_heartbeat = true});
-    odrive_velocity();
-    rig_run(40000);
-    TEST_ASSERT_EQUAL_UINT(4, rig_drop());
+    for (int i = 0; i < 5; i++) {
+        odrive_velocity();
+        rig_run(20000);
+    }
+    TEST_ASSERT_EQUAL_UINT(10, rig_drop()); /* without the heartbeat at 200 ms */
     rig_trouble((drive_sim_trouble_t){.dead = true});
     TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, target_turns_per_s());
@@ -403,11 +429,14 @@ static void test_vesc_current_brake_and_duty(void) {
     TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
     TEST_ASSERT_TRUE(rig_extended(VESC_ID(1), RIG_BYTES(0, 0, 0x03, 0xe8))); /* 1 A */
     TEST_ASSERT_TRUE(drive_sim_enabled(rig_sim));
-    TEST_ASSERT_TRUE(target_turns_per_s() < 0.0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, -1000.0 / 1260.0, target_turns_per_s());
     TEST_ASSERT_TRUE(rig_extended(VESC_ID(1), RIG_BYTES(0, 0, 0, 0, 0, 100)));
     TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
     TEST_ASSERT_TRUE(rig_extended(VESC_ID(0), RIG_BYTES(0, 0, 0x27, 0x10))); /* a tenth */
-    TEST_ASSERT_TRUE(target_turns_per_s() < 0.0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, -10000.0 / 1260.0, target_turns_per_s());
+    rig_wheel(0.0, -10.0); /* 12600 ERPM: duty 0.126 */
+    rig_run(20000);
+    rig_expect_extended(0x92a, RIG_BYTES(0, 0, 0x31, 0x38, 0, 0, 0, 126));
     TEST_ASSERT_TRUE(rig_extended(VESC_ID(2), RIG_BYTES(0, 0, 0, 0)));
     TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
     TEST_ASSERT_EQUAL_UINT(1, drive_sim_counters(rig_sim).commands);
@@ -486,6 +515,7 @@ int main(void) {
     RUN_TEST(test_odrive_mounted_the_other_way_round);
     RUN_TEST(test_odrive_watchdog_disarms_until_errors_are_cleared);
     RUN_TEST(test_odrive_watchdog_looks_before_a_late_frame);
+    RUN_TEST(test_odrive_watchdog_begins_with_the_closed_loop);
     RUN_TEST(test_odrive_watchdog_sleeps_when_idle_or_not_wanted);
     RUN_TEST(test_odrive_emergency_stop);
     RUN_TEST(test_odrive_own_error);

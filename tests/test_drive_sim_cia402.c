@@ -29,6 +29,14 @@ void tearDown(void) {
 #define SDO(...) TEST_ASSERT_TRUE(rig_standard(0x605, RIG_BYTES(__VA_ARGS__)))
 #define ANSWER(...) rig_expect_standard(0x585, RIG_BYTES(__VA_ARGS__))
 
+/* A download that succeeds. */
+#define WRITE(...)                                                                                 \
+    do {                                                                                           \
+        SDO(__VA_ARGS__);                                                                          \
+        TEST_ASSERT_EQUAL_HEX8(0x60, drive_sim_front(rig_sim)->data[0]);                           \
+        drive_sim_sent(rig_sim);                                                                   \
+    } while (0)
+
 static void download_2(uint8_t low, uint8_t high, uint8_t a, uint8_t b) {
     SDO(0x2b, low, high, 0, a, b, 0, 0);
     ANSWER(0x60, low, high, 0, 0, 0, 0, 0);
@@ -80,6 +88,7 @@ static double target(void) {
 
 static void test_hears_nothing_until_it_has_booted(void) {
     nmt(129);
+    TEST_ASSERT_EQUAL_INT64(rig_now_us + 10000, drive_sim_deadline(rig_sim));
     TEST_ASSERT_FALSE(rig_standard(0x605, RIG_BYTES(0x40, 0, 0x10, 0, 0, 0, 0, 0)));
     rig_run(9999);
     rig_expect_nothing();
@@ -163,6 +172,123 @@ static void test_sdo_uploads_of_each_size(void) {
     ANSWER(0x43, 0x83, 0x60, 0, 0x00, 0x80, 0x3e, 0);
     SDO(0x40, 0x00, 0x18, 1, 0, 0, 0, 0);
     ANSWER(0x43, 0x00, 0x18, 1, 0x85, 0x01, 0, 0x40);
+}
+
+/* Every object's first value, and what becomes of the attempt to write that very value back. */
+typedef struct {
+    uint8_t low, high, sub;
+    uint8_t answer; /* its first byte tells the size: 4f one byte, 4b two, 43 four */
+    uint8_t data[4];
+    bool writable;
+} object_row_t;
+
+static const object_row_t rows[] = {
+    {0x00, 0x10, 0, 0x43, {0x92, 0x01, 0x02, 0x00}, false}, /* device type */
+    {0x01, 0x10, 0, 0x4f, {0}, false},                      /* error register */
+    {0x03, 0x10, 0, 0x4f, {0}, true},                       /* error history */
+    {0x03, 0x10, 1, 0x43, {0}, false},
+    {0x03, 0x10, 2, 0x43, {0}, false},
+    {0x03, 0x10, 3, 0x43, {0}, false},
+    {0x03, 0x10, 4, 0x43, {0}, false},
+    {0x05, 0x10, 0, 0x43, {0x80}, true},  /* SYNC */
+    {0x14, 0x10, 0, 0x43, {0x85}, false}, /* EMCY */
+    {0x16, 0x10, 0, 0x4f, {1}, false},    /* heartbeats: consumer */
+    {0x16, 0x10, 1, 0x43, {0}, true},
+    {0x17, 0x10, 0, 0x4b, {0}, true},  /* producer */
+    {0x18, 0x10, 0, 0x4f, {4}, false}, /* identity */
+    {0x18, 0x10, 1, 0x43, {0}, false},
+    {0x18, 0x10, 2, 0x43, {0x92, 0x01}, false},
+    {0x18, 0x10, 3, 0x43, {0, 0, 1, 0}, false},
+    {0x18, 0x10, 4, 0x43, {5}, false},
+    {0x29, 0x10, 0, 0x4f, {1}, false}, /* error behaviour */
+    {0x29, 0x10, 1, 0x4f, {0}, true},
+    {0x07, 0x60, 0, 0x4b, {1}, true},                      /* abort connection option */
+    {0x3f, 0x60, 0, 0x4b, {0}, false},                     /* error code */
+    {0x40, 0x60, 0, 0x4b, {0}, true},                      /* controlword */
+    {0x41, 0x60, 0, 0x4b, {0x50, 0x02}, false},            /* statusword */
+    {0x5a, 0x60, 0, 0x4b, {2}, true},                      /* quick stop option */
+    {0x5e, 0x60, 0, 0x4b, {2}, true},                      /* fault reaction option */
+    {0x60, 0x60, 0, 0x4f, {0}, true},                      /* mode */
+    {0x61, 0x60, 0, 0x4f, {0}, false},                     /* mode display */
+    {0x64, 0x60, 0, 0x43, {0}, false},                     /* position */
+    {0x6b, 0x60, 0, 0x43, {0}, false},                     /* velocity demand */
+    {0x6c, 0x60, 0, 0x43, {0}, false},                     /* velocity */
+    {0x6d, 0x60, 0, 0x4b, {0x9a, 0x01}, true},             /* window: 0.1 turns/s = 410 */
+    {0x6f, 0x60, 0, 0x4b, {0xcd, 0x00}, true},             /* threshold: 0.05 turns/s = 205 */
+    {0x83, 0x60, 0, 0x43, {0x00, 0x80, 0x3e, 0x00}, true}, /* 1000 turns/s2 = 4096000 */
+    {0x84, 0x60, 0, 0x43, {0x00, 0x80, 0x3e, 0x00}, true},
+    {0x85, 0x60, 0, 0x43, {0x00, 0x00, 0x7d, 0x00}, true}, /* 2000 turns/s2 = 8192000 */
+    {0x8f, 0x60, 0, 0x4f, {2}, false},                     /* encoder: 4096 to one turn */
+    {0x8f, 0x60, 1, 0x43, {0x00, 0x10}, false},
+    {0x8f, 0x60, 2, 0x43, {1}, false},
+    {0xc2, 0x60, 0, 0x4f, {2}, false}, /* interpolation: 10 ms */
+    {0xc2, 0x60, 1, 0x4f, {10}, true},
+    {0xc2, 0x60, 2, 0x4f, {0xfd}, true},
+    {0xff, 0x60, 0, 0x43, {0}, true},           /* target velocity */
+    {0x02, 0x65, 0, 0x43, {0x04, 0x01}, false}, /* modes 3 and 9 */
+    /* PDOs: all begin with the controlword or the statusword; mode, position, velocity. */
+    {0x00, 0x14, 0, 0x4f, {2}, false},
+    {0x00, 0x14, 1, 0x43, {0x05, 0x02}, true},
+    {0x00, 0x14, 2, 0x4f, {255}, true},
+    {0x01, 0x14, 1, 0x43, {0x05, 0x03, 0, 0x80}, true},
+    {0x02, 0x14, 1, 0x43, {0x05, 0x04, 0, 0x80}, true},
+    {0x03, 0x14, 1, 0x43, {0x05, 0x05, 0, 0x80}, true},
+    {0x00, 0x16, 0, 0x4f, {1}, false}, /* refused here: it is on */
+    {0x00, 0x16, 1, 0x43, {0x10, 0, 0x40, 0x60}, false},
+    {0x01, 0x16, 0, 0x4f, {2}, true},
+    {0x01, 0x16, 1, 0x43, {0x10, 0, 0x40, 0x60}, false}, /* refused: the count is not zero */
+    {0x01, 0x16, 2, 0x43, {0x08, 0, 0x60, 0x60}, false},
+    {0x02, 0x16, 0, 0x4f, {0}, true},
+    {0x02, 0x16, 1, 0x43, {0}, false},
+    {0x03, 0x16, 2, 0x43, {0x20, 0, 0xff, 0x60}, false},
+    {0x00, 0x18, 0, 0x4f, {5}, false},
+    {0x00, 0x18, 1, 0x43, {0x85, 0x01, 0, 0x40}, true},
+    {0x00, 0x18, 2, 0x4f, {255}, true},
+    {0x00, 0x18, 3, 0x4b, {0}, false}, /* refused here: it is on */
+    {0x00, 0x18, 5, 0x4b, {0}, true},
+    {0x03, 0x18, 1, 0x43, {0x85, 0x04, 0, 0xc0}, true},
+    {0x00, 0x1a, 0, 0x4f, {1}, false},
+    {0x01, 0x1a, 2, 0x43, {0x08, 0, 0x61, 0x60}, false},
+    {0x02, 0x1a, 2, 0x43, {0x20, 0, 0x64, 0x60}, false},
+    {0x03, 0x1a, 2, 0x43, {0x20, 0, 0x6c, 0x60}, false},
+    {0x03, 0x1a, 8, 0x43, {0}, false},
+};
+
+static void test_every_object(void) {
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        const object_row_t *r = &rows[i];
+        SDO(0x40, r->low, r->high, r->sub, 0, 0, 0, 0);
+        ANSWER(r->answer, r->low, r->high, r->sub, r->data[0], r->data[1], r->data[2], r->data[3]);
+        /* 4f, 4b, 43 become 2f, 2b, 23: the client's expedited download of the same size. */
+        SDO((uint8_t)(r->answer - 0x20), r->low, r->high, r->sub, r->data[0], r->data[1],
+            r->data[2], r->data[3]);
+        TEST_ASSERT_EQUAL_HEX8(r->writable ? 0x60 : 0x80, drive_sim_front(rig_sim)->data[0]);
+        drive_sim_sent(rig_sim);
+    }
+}
+
+static void test_values_out_of_range(void) {
+    static const uint8_t requests[][8] = {
+        {0x23, 0x16, 0x10, 1, 0xff, 0xff, 0x80, 0}, /* node 0x80 */
+        {0x2f, 0x29, 0x10, 1, 3},                   /* 0 to 2 */
+        {0x2b, 0x07, 0x60, 0, 4},                   /* 0 to 3 */
+        {0x2b, 0x07, 0x60, 0, 0xff, 0xff},          /* -1 */
+        {0x2b, 0x5a, 0x60, 0, 8},                   /* 0 to 3, 5 to 7 */
+        {0x2b, 0x5a, 0x60, 0, 0xff, 0xff},
+        {0x2b, 0x5e, 0x60, 0, 4}, /* 0 to 3 */
+        {0x2f, 0x60, 0x60, 0, 1}, /* 0, 3 and 9 */
+        {0x2f, 0x60, 0x60, 0, 2},
+        {0x2f, 0x60, 0x60, 0, 4},
+        {0x2f, 0x60, 0x60, 0, 10},
+        {0x23, 0x83, 0x60, 0},       /* no ramp of zero */
+        {0x23, 0x05, 0x10, 0, 0x81}, /* SYNC is at 0x80 */
+        {0x2f, 0x00, 0x14, 2, 253},  /* transmission types */
+    };
+    for (size_t i = 0; i < sizeof requests / sizeof requests[0]; i++) {
+        const uint8_t *r = requests[i];
+        TEST_ASSERT_TRUE(rig_standard(0x605, r, 8));
+        ANSWER(0x80, r[1], r[2], r[3], 0x30, 0x00, 0x09, 0x06);
+    }
 }
 
 static void test_sdo_downloads_are_kept(void) {
@@ -257,6 +383,19 @@ static void test_sdo_segmented_upload(void) {
     SDO(0x60, 0, 0, 0, 0, 0, 0, 0);
     ANSWER(0x0d, 'e', 0, 0, 0, 0, 0, 0);
     SDO(0x70, 0, 0, 0, 0, 0, 0, 0); /* it is over */
+    ANSWER(0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05);
+
+    SDO(0x40, 0x08, 0x10, 0, 0, 0, 0, 0);
+    ANSWER(0x41, 0x08, 0x10, 0, 29, 0, 0, 0);
+    SDO(0x80, 0x08, 0x10, 0, 0, 0, 0, 8); /* the client gives up */
+    SDO(0x60, 0, 0, 0, 0, 0, 0, 0);
+    ANSWER(0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05);
+
+    SDO(0x40, 0x08, 0x10, 0, 0, 0, 0, 0);
+    ANSWER(0x41, 0x08, 0x10, 0, 29, 0, 0, 0);
+    SDO(0x40, 0x01, 0x10, 0, 0, 0, 0, 0); /* something else instead */
+    ANSWER(0x4f, 0x01, 0x10, 0, 0, 0, 0, 0);
+    SDO(0x60, 0, 0, 0, 0, 0, 0, 0);
     ANSWER(0x80, 0, 0, 0, 0x01, 0x00, 0x04, 0x05);
 
     SDO(0x40, 0x08, 0x10, 0, 0, 0, 0, 0);
@@ -404,6 +543,15 @@ static void test_quick_stop_does_not_wait_for_ever(void) {
     expect_status(0x17, 0x02); /* something keeps turning the wheel */
     rig_run(10000);
     expect_status(0x50, 0x02);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, target());
+    SDO(0x40, 0x6b, 0x60, 0, 0, 0, 0, 0);
+    ANSWER(0x43, 0x6b, 0x60, 0, 0, 0, 0, 0);
+    run_cyclic();
+    SDO(0x40, 0x6b, 0x60, 0, 0, 0, 0, 0);
+    ANSWER(0x43, 0x6b, 0x60, 0, 0, 0x20, 0, 0);
+    control(0x02, 0); /* and the next stop waits as long again */
+    rig_run(499000);
+    expect_status(0x17, 0x02);
 }
 
 static void test_profile_velocity_ramps(void) {
@@ -446,6 +594,65 @@ static void test_feedback_counts_whole_steps_wraps_and_saturates(void) {
     ANSWER(0x43, 0x64, 0x60, 0, 0xff, 0xff, 0xff, 0x7f);
     SDO(0x40, 0x6c, 0x60, 0, 0, 0, 0, 0);
     ANSWER(0x43, 0x6c, 0x60, 0, 0, 0, 0, 0x80);
+}
+
+static void test_quick_stop_options(void) {
+    /* Option 1 brakes with the deceleration: 8192 units/s from 0x2000 units in 1 s. */
+    WRITE(0x23, 0x84, 0x60, 0, 0x00, 0x20, 0, 0);
+    download_2(0x5a, 0x60, 1, 0);
+    run_cyclic();
+    control(0x02, 0);
+    rig_run(750000);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.25, target());
+    rig_wheel(0.0, 0.0);
+    rig_run(249000);
+    expect_status(0x17, 0x02); /* a wheel that stands already is not the end of the ramp */
+    rig_run(2000);
+    expect_status(0x50, 0x02);
+    /* Option 3 brakes as hard as it can. */
+    download_2(0x5a, 0x60, 3, 0);
+    run_cyclic();
+    control(0x02, 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, target());
+    expect_status(0x17, 0x02);
+}
+
+static void test_fault_reaction_options(void) {
+    download_2(0x5e, 0x60, 0, 0); /* lets go at once */
+    run_cyclic();
+    drive_sim_fail(rig_sim, 0x4210);
+    rig_expect_standard(0x085, RIG_BYTES(0x10, 0x42, 0x09, 0, 0, 0, 0, 0));
+    TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
+    expect_status(0x18, 0x02);
+    drive_sim_fail(rig_sim, 0x3220); /* a second one while faulty */
+    rig_expect_standard(0x085, RIG_BYTES(0x20, 0x32, 0x05, 0, 0, 0, 0, 0));
+    expect_status(0x18, 0x02);
+    SDO(0x40, 0x03, 0x10, 0, 0, 0, 0, 0); /* both are in the history, the last one first */
+    ANSWER(0x4f, 0x03, 0x10, 0, 2, 0, 0, 0);
+    SDO(0x40, 0x03, 0x10, 1, 0, 0, 0, 0);
+    ANSWER(0x43, 0x03, 0x10, 1, 0x20, 0x32, 0, 0);
+    SDO(0x40, 0x03, 0x10, 2, 0, 0, 0, 0);
+    ANSWER(0x43, 0x03, 0x10, 2, 0x10, 0x42, 0, 0);
+    SDO(0x2f, 0x03, 0x10, 0, 1, 0, 0, 0);
+    ANSWER(0x80, 0x03, 0x10, 0, 0x30, 0x00, 0x09, 0x06);
+    WRITE(0x2f, 0x03, 0x10, 0, 0, 0, 0, 0); /* which can be cleared */
+    SDO(0x40, 0x03, 0x10, 1, 0, 0, 0, 0);
+    ANSWER(0x43, 0x03, 0x10, 1, 0, 0, 0, 0);
+    SDO(0x40, 0x01, 0x10, 0, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x01, 0x10, 0, 0x05, 0, 0, 0);
+}
+
+static void test_history_keeps_four(void) {
+    for (uint32_t code = 0xff01; code <= 0xff06; code++) {
+        drive_sim_fail(rig_sim, code);
+    }
+    (void)rig_drop();
+    SDO(0x40, 0x03, 0x10, 0, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x03, 0x10, 0, 4, 0, 0, 0);
+    SDO(0x40, 0x03, 0x10, 4, 0, 0, 0, 0);
+    ANSWER(0x43, 0x03, 0x10, 4, 0x03, 0xff, 0, 0);
+    SDO(0x40, 0x03, 0x10, 5, 0, 0, 0, 0);
+    ANSWER(0x80, 0x03, 0x10, 5, 0x11, 0x00, 0x09, 0x06);
 }
 
 /* PDOs */
@@ -494,12 +701,20 @@ static void test_mapping_wants_the_proper_order(void) {
     ANSWER(0x4f, 0x00, 0x16, 0, 2, 0, 0, 0);
 }
 
-#define WRITE(...)                                                                                 \
-    do {                                                                                           \
-        SDO(__VA_ARGS__);                                                                          \
-        TEST_ASSERT_EQUAL_HEX8(0x60, drive_sim_front(rig_sim)->data[0]);                           \
-        drive_sim_sent(rig_sim);                                                                   \
-    } while (0)
+static void test_identifiers_that_are_kept_for_others(void) {
+    static const uint16_t kept[] = {0x000, 0x001, 0x07f, 0x101, 0x180, 0x581, 0x5ff,
+                                    0x601, 0x67f, 0x6e0, 0x6ff, 0x701, 0x77f, 0x7ff};
+    static const uint16_t free_ids[] = {0x080, 0x100, 0x181, 0x580, 0x600, 0x680, 0x6df};
+    for (size_t i = 0; i < sizeof kept / sizeof kept[0]; i++) {
+        SDO(0x23, 0x01, 0x14, 1, (uint8_t)(kept[i] & 0xff), (uint8_t)(kept[i] >> 8), 0, 0);
+        ANSWER(0x80, 0x01, 0x14, 1, 0x30, 0x00, 0x09, 0x06);
+    }
+    for (size_t i = 0; i < sizeof free_ids / sizeof free_ids[0]; i++) {
+        const uint8_t low = (uint8_t)(free_ids[i] & 0xff), high = (uint8_t)(free_ids[i] >> 8);
+        WRITE(0x23, 0x01, 0x14, 1, low, high, 0, 0);
+        WRITE(0x23, 0x01, 0x14, 1, low, high, 0, 0x80);
+    }
+}
 
 /* RPDO1: controlword, target; TPDO1: statusword, velocity; both with this transmission type. */
 static void map_pdos(uint8_t type) {
@@ -545,6 +760,55 @@ static void test_synchronous_pdos(void) {
     rig_trouble((drive_sim_trouble_t){.mute_feedback = true});
     sync();
     rig_expect_nothing();
+}
+
+static void test_the_slowest_synchronous_type(void) {
+    map_pdos(240);
+    nmt(1);
+    TEST_ASSERT_TRUE(rig_standard(0x205, RIG_BYTES(0x06, 0, 0, 0, 0, 0)));
+    expect_status(0x50, 0x02); /* waits for the next SYNC, whatever the number */
+    sync();
+    expect_status(0x31, 0x02);
+    for (int i = 1; i < 480; i++) {
+        TEST_ASSERT_EQUAL_UINT(i == 240 ? 1 : 0, rig_drop());
+        sync();
+    }
+    TEST_ASSERT_EQUAL_UINT(1, rig_drop());
+}
+
+static void test_starting_again_starts_the_count_of_syncs(void) {
+    map_pdos(3);
+    nmt(1);
+    sync();
+    sync();
+    TEST_ASSERT_TRUE(rig_standard(0x205, RIG_BYTES(0x06, 0, 0, 0, 0, 0)));
+    nmt(128);
+    nmt(1);
+    sync(); /* neither what was counted nor what waited is left */
+    sync();
+    rig_expect_nothing();
+    sync();
+    rig_expect_standard(0x185, RIG_BYTES(0x50, 0x02, 0, 0, 0, 0));
+}
+
+static void test_reset_communication_undoes_the_mapping_alone(void) {
+    map_pdos(1);
+    download_2(0x5a, 0x60, 6, 0);
+    run_cyclic();
+    nmt(130);
+    rig_expect_standard(0x085, RIG_BYTES(0x00, 0x81, 0x11, 0, 0, 0, 0, 0));
+    rig_run(5000);
+    rig_wheel(0.0, 0.0);
+    rig_run(1000);
+    rig_expect_standard(0x705, RIG_BYTES(0));
+    rig_expect_nothing();
+    expect_status(0x18, 0x02); /* the wheel was stopped, as when the connection is lost */
+    SDO(0x40, 0x5a, 0x60, 0, 0, 0, 0, 0);
+    ANSWER(0x4b, 0x5a, 0x60, 0, 6, 0, 0, 0);
+    SDO(0x40, 0x00, 0x16, 0, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x00, 0x16, 0, 1, 0, 0, 0);
+    SDO(0x40, 0x00, 0x18, 2, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x00, 0x18, 2, 255, 0, 0, 0);
 }
 
 static void test_every_third_sync(void) {
@@ -606,6 +870,28 @@ static void test_remote_request_of_a_pdo(void) {
     (void)rig_drop();
     TEST_ASSERT_TRUE(rig_remote(0x185, false, 8));
     rig_expect_standard(0x185, RIG_BYTES(0x50, 0x02));
+}
+
+static void test_inhibit_time_wants_the_pdo_off(void) {
+    SDO(0x2b, 0x00, 0x18, 3, 50, 0, 0, 0);
+    ANSWER(0x80, 0x00, 0x18, 3, 0x22, 0, 0, 0x08);
+    SDO(0x2f, 0x00, 0x18, 3, 50, 0, 0, 0);
+    ANSWER(0x80, 0x00, 0x18, 3, 0x10, 0, 0x07, 0x06);
+}
+
+static void test_value_out_of_range_in_a_pdo_is_counted_and_ignored(void) {
+    set_mode(3);
+    WRITE(0x23, 0x01, 0x14, 1, 0x05, 0x03, 0, 0); /* the profile's second: with the mode */
+    nmt(1);
+    (void)rig_drop();
+    TEST_ASSERT_TRUE(rig_standard(0x305, RIG_BYTES(0x06, 0, 8)));
+    TEST_ASSERT_EQUAL_UINT(1, drive_sim_counters(rig_sim).malformed);
+    rig_expect_standard(0x185, RIG_BYTES(0x31, 0x02)); /* the controlword counts all the same */
+    SDO(0x40, 0x61, 0x60, 0, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x61, 0x60, 0, 3, 0, 0, 0);
+    TEST_ASSERT_TRUE(rig_standard(0x305, RIG_BYTES(0x06, 0, 9)));
+    SDO(0x40, 0x61, 0x60, 0, 0, 0, 0, 0);
+    ANSWER(0x4f, 0x61, 0x60, 0, 9, 0, 0, 0);
 }
 
 static void test_short_pdo_is_reported_once_and_changes_nothing(void) {
@@ -689,6 +975,33 @@ static void test_lost_heartbeat_leaves_operational(void) {
     rig_expect_standard(0x085, RIG_BYTES(0x30, 0x81, 0x11, 0, 0, 0, 0, 0));
     rig_expect_standard(0x705, RIG_BYTES(0x7f));
     TEST_ASSERT_EQUAL_UINT(0, drive_sim_counters(rig_sim).watchdog_stops);
+}
+
+static void test_lost_heartbeat_without_an_effect_or_with_torque_off(void) {
+    download_2(0x07, 0x60, 0, 0);
+    WRITE(0x2f, 0x29, 0x10, 1, 1, 0, 0, 0); /* nor on the network state */
+    watch_master();
+    run_cyclic();
+    nmt(1);
+    (void)rig_drop();
+    rig_run(50000);
+    rig_expect_standard(0x085, RIG_BYTES(0x30, 0x81, 0x11, 0, 0, 0, 0, 0));
+    rig_expect_standard(0x185, RIG_BYTES(0xb7, 0x12)); /* still enabled; a warning */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0, target());
+    TEST_ASSERT_EQUAL_UINT(0, drive_sim_counters(rig_sim).watchdog_stops);
+    rig_run(1000000); /* once, not again and again */
+    rig_expect_nothing();
+    download_2(0x07, 0x60, 2, 0);
+    WRITE(0x2f, 0x29, 0x10, 1, 2, 0, 0, 0);
+    TEST_ASSERT_TRUE(rig_standard(0x710, RIG_BYTES(0x05)));
+    (void)rig_drop();
+    rig_run(50000);
+    rig_expect_standard(0x085, RIG_BYTES(0x30, 0x81, 0x11, 0, 0, 0, 0, 0));
+    rig_expect_nothing(); /* stopped: no PDO */
+    TEST_ASSERT_FALSE(drive_sim_enabled(rig_sim));
+    TEST_ASSERT_EQUAL_UINT(1, drive_sim_counters(rig_sim).watchdog_stops);
+    TEST_ASSERT_TRUE(rig_standard(0x605, RIG_BYTES(0x40, 0x41, 0x60, 0, 0, 0, 0, 0)));
+    rig_expect_nothing(); /* and no SDO */
 }
 
 static void test_malformed_heartbeats_do_not_count(void) {
@@ -783,6 +1096,8 @@ int main(void) {
     RUN_TEST(test_malformed_nmt_and_sync);
     RUN_TEST(test_stopped_means_no_sdo);
     RUN_TEST(test_sdo_uploads_of_each_size);
+    RUN_TEST(test_every_object);
+    RUN_TEST(test_values_out_of_range);
     RUN_TEST(test_sdo_downloads_are_kept);
     RUN_TEST(test_sdo_aborts);
     RUN_TEST(test_sdo_refused_set_up);
@@ -793,18 +1108,28 @@ int main(void) {
     RUN_TEST(test_quick_stop_that_stays);
     RUN_TEST(test_quick_stop_that_releases_at_once);
     RUN_TEST(test_quick_stop_does_not_wait_for_ever);
+    RUN_TEST(test_quick_stop_options);
+    RUN_TEST(test_fault_reaction_options);
+    RUN_TEST(test_history_keeps_four);
     RUN_TEST(test_profile_velocity_ramps);
     RUN_TEST(test_feedback_counts_whole_steps_wraps_and_saturates);
     RUN_TEST(test_mapping_wants_the_proper_order);
+    RUN_TEST(test_identifiers_that_are_kept_for_others);
     RUN_TEST(test_synchronous_pdos);
+    RUN_TEST(test_the_slowest_synchronous_type);
+    RUN_TEST(test_starting_again_starts_the_count_of_syncs);
+    RUN_TEST(test_reset_communication_undoes_the_mapping_alone);
     RUN_TEST(test_every_third_sync);
     RUN_TEST(test_type_0_is_sent_at_sync_when_something_happened);
     RUN_TEST(test_asynchronous_pdos);
     RUN_TEST(test_remote_request_of_a_pdo);
+    RUN_TEST(test_inhibit_time_wants_the_pdo_off);
+    RUN_TEST(test_value_out_of_range_in_a_pdo_is_counted_and_ignored);
     RUN_TEST(test_short_pdo_is_reported_once_and_changes_nothing);
     RUN_TEST(test_lost_heartbeat_is_a_fault_while_enabled);
     RUN_TEST(test_lost_heartbeat_with_quick_stop_instead);
     RUN_TEST(test_lost_heartbeat_leaves_operational);
+    RUN_TEST(test_lost_heartbeat_without_an_effect_or_with_torque_off);
     RUN_TEST(test_malformed_heartbeats_do_not_count);
     RUN_TEST(test_nmt_stop_while_enabled_stops_the_wheel);
     RUN_TEST(test_reset_node_lets_go_of_the_wheel);

@@ -145,8 +145,6 @@ static uint32_t write_id(const drive_sim_t *sim, canopen_pdo_t *pdo, uint32_t va
 static uint32_t write_parameter(const drive_sim_t *sim, canopen_pdo_t *pdo, unsigned sub,
                                 uint32_t value) {
     switch (sub) {
-    case 0:
-        return CANOPEN_ABORT_READ_ONLY;
     case 1:
         return write_id(sim, pdo, value);
     case 2:
