@@ -293,8 +293,11 @@ static void test_odrive_ignores_other_nodes_and_extended_frames(void) {
     TEST_ASSERT_FALSE(rig_standard(0x000, RIG_BYTES(1, 0)));
     TEST_ASSERT_FALSE(rig_extended(ODRIVE_ID(0x02), NULL, 0));
     TEST_ASSERT_EQUAL_UINT(0, drive_sim_counters(rig_sim).received);
+    /* A command of the protocol that has no effect here is no error. */
+    TEST_ASSERT_TRUE(rig_standard(ODRIVE_ID(0x0f), RIG_BYTES(0, 0, 0, 0, 0, 0, 0, 0)));
+    TEST_ASSERT_EQUAL_UINT(0, malformed());
     odrive_expect_heartbeat(RIG_BYTES(0, 0, 0, 0, 1, 0, 0, 0));
-    TEST_ASSERT_EQUAL_UINT(1, drive_sim_counters(rig_sim).received);
+    TEST_ASSERT_EQUAL_UINT(2, drive_sim_counters(rig_sim).received);
     TEST_ASSERT_EQUAL_UINT(1, drive_sim_counters(rig_sim).sent);
 }
 
@@ -469,6 +472,15 @@ static void test_vesc_malformed_frames_change_nothing(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, -10.0, target_turns_per_s());
 }
 
+static void test_vesc_without_a_time_out(void) {
+    drive_sim_config_t config = vesc;
+    config.watchdog_us = 0;
+    rig_create(&config);
+    vesc_speed();
+    rig_run(60000000);
+    TEST_ASSERT_TRUE(drive_sim_enabled(rig_sim));
+}
+
 static void test_vesc_failing_stops_and_is_deaf_for_half_a_second(void) {
     vesc_create();
     vesc_speed();
@@ -529,6 +541,7 @@ int main(void) {
     RUN_TEST(test_vesc_obeys_speed_and_times_out);
     RUN_TEST(test_vesc_current_brake_and_duty);
     RUN_TEST(test_vesc_malformed_frames_change_nothing);
+    RUN_TEST(test_vesc_without_a_time_out);
     RUN_TEST(test_vesc_failing_stops_and_is_deaf_for_half_a_second);
     RUN_TEST(test_vesc_trouble);
     RUN_TEST(test_hostile_frames);

@@ -135,7 +135,8 @@ static void test_malformed_nmt_and_sync(void) {
     TEST_ASSERT_TRUE(rig_standard(0x000, RIG_BYTES(3, 5)));
     TEST_ASSERT_TRUE(rig_remote(0x000, false, 2));
     TEST_ASSERT_TRUE(rig_standard(0x080, RIG_BYTES(1, 2)));
-    TEST_ASSERT_EQUAL_UINT(5, drive_sim_counters(rig_sim).malformed);
+    TEST_ASSERT_TRUE(rig_remote(0x080, false, 0));
+    TEST_ASSERT_EQUAL_UINT(6, drive_sim_counters(rig_sim).malformed);
     TEST_ASSERT_FALSE(rig_extended(0x605, RIG_BYTES(0x40, 0, 0x10, 0, 0, 0, 0, 0)));
     TEST_ASSERT_FALSE(rig_standard(0x606, RIG_BYTES(0x40, 0, 0x10, 0, 0, 0, 0, 0)));
     rig_expect_nothing();
@@ -321,6 +322,12 @@ static void test_sdo_aborts(void) {
     ANSWER(0x80, 0x00, 0x14, 3, 0x11, 0x00, 0x09, 0x06);
     SDO(0x40, 0x00, 0x1a, 9, 0, 0, 0, 0);
     ANSWER(0x80, 0x00, 0x1a, 9, 0x11, 0x00, 0x09, 0x06);
+    SDO(0x23, 0x00, 0x1a, 9, 0, 0, 0, 0);
+    ANSWER(0x80, 0x00, 0x1a, 9, 0x11, 0x00, 0x09, 0x06);
+    SDO(0x23, 0x00, 0x14, 3, 0, 0, 0, 0);
+    ANSWER(0x80, 0x00, 0x14, 3, 0x11, 0x00, 0x09, 0x06);
+    SDO(0x40, 0x04, 0x14, 1, 0, 0, 0, 0); /* there are four PDOs */
+    ANSWER(0x80, 0x04, 0x14, 1, 0x00, 0x00, 0x02, 0x06);
     SDO(0x2b, 0x41, 0x60, 0, 0, 0, 0, 0); /* read-only */
     ANSWER(0x80, 0x41, 0x60, 0, 0x02, 0x00, 0x01, 0x06);
     SDO(0x2f, 0x00, 0x18, 0, 2, 0, 0, 0);
@@ -609,6 +616,26 @@ static void test_quick_stop_options(void) {
     expect_status(0x17, 0x02); /* a wheel that stands already is not the end of the ramp */
     rig_run(2000);
     expect_status(0x50, 0x02);
+    /* Option 2, and 6, with the quick stop deceleration. */
+    WRITE(0x23, 0x85, 0x60, 0, 0x00, 0x40, 0, 0);
+    download_2(0x5a, 0x60, 2, 0);
+    run_cyclic();
+    control(0x02, 0);
+    rig_run(250000);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.5, target());
+    rig_wheel(0.0, 0.0);
+    rig_run(300000);
+    expect_status(0x50, 0x02);
+    /* Option 5 is 1, but stays. */
+    download_2(0x5a, 0x60, 5, 0);
+    run_cyclic();
+    control(0x02, 0);
+    rig_run(500000);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.5, target());
+    rig_wheel(0.0, 0.0);
+    rig_run(2000000);
+    expect_status(0x17, 0x06);
+    control(0x00, 0);
     /* Option 3 brakes as hard as it can. */
     download_2(0x5a, 0x60, 3, 0);
     run_cyclic();
@@ -845,10 +872,12 @@ static void test_asynchronous_pdos(void) {
     rig_expect_standard(0x185, RIG_BYTES(0x50, 0x02, 0, 0, 0, 0));
     TEST_ASSERT_TRUE(rig_standard(0x205, RIG_BYTES(0x06, 0, 0, 0, 0, 0)));
     rig_expect_nothing(); /* too early */
+    TEST_ASSERT_EQUAL_INT64(rig_now_us + 5000, drive_sim_deadline(rig_sim));
     rig_run(4999);
     rig_expect_nothing();
     rig_run(1);
     rig_expect_standard(0x185, RIG_BYTES(0x31, 0x02, 0, 0, 0, 0));
+    TEST_ASSERT_EQUAL_INT64(rig_now_us + 15000, drive_sim_deadline(rig_sim));
     rig_wheel(0.0, 1.0); /* a speed is no event */
     rig_run(14999);
     rig_expect_nothing();
@@ -858,6 +887,37 @@ static void test_asynchronous_pdos(void) {
     rig_expect_nothing();
     rig_run(20000);
     TEST_ASSERT_EQUAL_UINT(1, rig_drop());
+    nmt(128);
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, drive_sim_deadline(rig_sim));
+    rig_run(100000);
+    rig_expect_nothing();
+    nmt(1); /* tells once how things are */
+    rig_expect_standard(0x185, RIG_BYTES(0x31, 0x02, 0x00, 0x20, 0, 0));
+}
+
+/* The profile's own fourth PDOs: control word and target, status word and speed. */
+static void test_the_last_pdos_work_like_the_first(void) {
+    WRITE(0x2f, 0x03, 0x14, 2, 1, 0, 0, 0);
+    WRITE(0x2f, 0x03, 0x18, 2, 1, 0, 0, 0);
+    WRITE(0x23, 0x03, 0x14, 1, 0x05, 0x05, 0, 0);
+    WRITE(0x23, 0x03, 0x18, 1, 0x85, 0x04, 0, 0);
+    set_mode(9);
+    control(0x06, 0);
+    nmt(1);
+    (void)rig_drop();
+    TEST_ASSERT_TRUE(rig_standard(0x505, RIG_BYTES(0x0f, 0, 0x00, 0x20, 0, 0)));
+    sync();
+    rig_expect_standard(0x485, RIG_BYTES(0x37, 0x12, 0, 0, 0, 0));
+    rig_expect_standard(0x185, RIG_BYTES(0x37, 0x12));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0, target());
+    TEST_ASSERT_TRUE(rig_remote(0x485, false, 6));
+    rig_expect_standard(0x485, RIG_BYTES(0x37, 0x12, 0, 0, 0, 0));
+    WRITE(0x2f, 0x03, 0x18, 2, 254, 0, 0, 0); /* from now on as events */
+    (void)rig_drop();
+    TEST_ASSERT_TRUE(rig_standard(0x505, RIG_BYTES(0x07, 0, 0, 0, 0, 0)));
+    sync();
+    rig_expect_standard(0x185, RIG_BYTES(0x33, 0x02));
+    rig_expect_standard(0x485, RIG_BYTES(0x33, 0x02, 0, 0, 0, 0));
 }
 
 static void test_remote_request_of_a_pdo(void) {
@@ -962,6 +1022,15 @@ static void test_lost_heartbeat_with_quick_stop_instead(void) {
     TEST_ASSERT_TRUE(rig_standard(0x710, RIG_BYTES(0x05)));
     rig_expect_standard(0x085, RIG_BYTES(0, 0, 0, 0, 0, 0, 0, 0));
     expect_status(0x50, 0x02);
+}
+
+static void test_reset_communication_forgets_the_master(void) {
+    watch_master();
+    nmt(130);
+    rig_run(100000);
+    rig_expect_standard(0x705, RIG_BYTES(0));
+    rig_expect_nothing();
+    TEST_ASSERT_FALSE(rig_standard(0x710, RIG_BYTES(0x05)));
 }
 
 static void test_lost_heartbeat_leaves_operational(void) {
@@ -1122,12 +1191,14 @@ int main(void) {
     RUN_TEST(test_every_third_sync);
     RUN_TEST(test_type_0_is_sent_at_sync_when_something_happened);
     RUN_TEST(test_asynchronous_pdos);
+    RUN_TEST(test_the_last_pdos_work_like_the_first);
     RUN_TEST(test_remote_request_of_a_pdo);
     RUN_TEST(test_inhibit_time_wants_the_pdo_off);
     RUN_TEST(test_value_out_of_range_in_a_pdo_is_counted_and_ignored);
     RUN_TEST(test_short_pdo_is_reported_once_and_changes_nothing);
     RUN_TEST(test_lost_heartbeat_is_a_fault_while_enabled);
     RUN_TEST(test_lost_heartbeat_with_quick_stop_instead);
+    RUN_TEST(test_reset_communication_forgets_the_master);
     RUN_TEST(test_lost_heartbeat_leaves_operational);
     RUN_TEST(test_lost_heartbeat_without_an_effect_or_with_torque_off);
     RUN_TEST(test_malformed_heartbeats_do_not_count);
