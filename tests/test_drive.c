@@ -16,7 +16,7 @@
 #define ENABLE_TIMEOUT_US 500000
 
 /* Which call of the protocol put it is in the id of the frame. */
-enum { PUT_DISABLE = 1, PUT_STOP, PUT_EMERGENCY, PUT_CYCLE, PUT_STEP };
+enum { PUT_DISABLE = 1, PUT_STOP, PUT_EMERGENCY, PUT_CYCLE, PUT_SYNC };
 
 static berth_drive_t drive;
 static berth_outbox_t outbox;
@@ -279,6 +279,7 @@ static void test_only_a_starting_drive_becomes_enabled(void) {
 static void test_enabling_forgets_what_was_measured_before(void) {
     make_enabled(1000);
     say_speed(3.0, 2000);
+    TEST_ASSERT_TRUE(drive_position(&drive, 0.0f, 0.0f, 2000));
     berth_drive_disable(&drive, &outbox);
     say_speed(3.0, 3000);
     berth_drive_enable(&drive, 4000);
@@ -286,6 +287,7 @@ static void test_enabling_forgets_what_was_measured_before(void) {
     TEST_ASSERT_EQUAL(-1, status->feedback_us);
     TEST_ASSERT_EQUAL(-1, status->heartbeat_us);
     TEST_ASSERT_EQUAL_FLOAT(0.0f, status->velocity_radps);
+    TEST_ASSERT_FALSE(status->position_used);
     drive_enabled(&drive);
     expect_state(BERTH_DRIVE_STARTING, BERTH_DRIVE_FAULT_NONE, 0);
 }
@@ -369,8 +371,6 @@ static void test_cycle_speaks_in_every_state_but_off_and_released(void) {
     make_enabled(2000); /* no longer released */
     berth_drive_cycle(&drive, 2000, &outbox);
     expect_frames(cycle, 1);
-    berth_drive_sync(&drive, 2000, &outbox); /* this protocol has none */
-    expect_frames(NULL, 0);
 }
 
 /* --- watchdogs ---------------------------------------------------------------------------------
@@ -584,6 +584,14 @@ static void test_extrapolation_ends_with_the_feedback_timeout(void) {
     expect_travel(0.01, 1010000);
 }
 
+static void test_longer_than_the_feedback_timeout_no_speed_counts(void) {
+    say_speed(1.0, 0);
+    expect_travel(0.1, 1000000);
+    say_speed(3.0, 1000000);
+    expect_travel(0.1, 1000000); /* half of 2 rad/s, for the timeout */
+    expect_travel(-0.3, 0);
+}
+
 static void test_a_position_without_speeds_is_not_taken_back(void) {
     say_speed(1.0, 0);
     TEST_ASSERT_TRUE(drive_position(&drive, 0.0f, 0.0f, 0));
@@ -624,6 +632,18 @@ static void test_a_jump_is_no_travel_and_positions_go_on_from_there(void) {
         TEST_ASSERT_TRUE(drive_position(&drive, turned, 0.0f, 20000));
         expect_travel(0.012, 20000);
     }
+}
+
+/* What explained a step before explains none now: neither a long time nor a high speed. */
+static void test_each_step_needs_its_own_explanation(void) {
+    say_speed(100.0, 0);
+    TEST_ASSERT_TRUE(drive_position(&drive, 0.0f, 0.0f, 0));
+    say_speed(0.0, 90000);
+    TEST_ASSERT_TRUE(drive_position(&drive, 0.5f, 0.0f, 90000));
+    say_speed(0.0, 100000);
+    TEST_ASSERT_FALSE(drive_position(&drive, 0.3f, 0.0f, 100000));
+    say_speed(0.0, 110000);
+    TEST_ASSERT_TRUE(drive_position(&drive, 0.27f, 0.0f, 110000));
 }
 
 /* Frames were lost while the wheel sped up and slowed down again; time stamps are 20 ms off. */
@@ -764,6 +784,25 @@ static void test_texts(void) {
     TEST_ASSERT_EQUAL_STRING("?", berth_drive_fault_text(BERTH_DRIVE_FAULT_COUNT));
 }
 
+static void fake_sync(const berth_drive_t *self, int64_t now_us, berth_outbox_t *box) {
+    TEST_ASSERT_EQUAL_PTR(&drive, self);
+    TEST_ASSERT_EQUAL(4711, now_us);
+    put(PUT_SYNC, box);
+}
+
+static void test_sync_is_the_protocols(void) {
+    const uint32_t sync[] = {PUT_SYNC};
+    berth_drive_protocol_t protocol = fake;
+    berth_drive_config_t config = good_config();
+    berth_drive_sync(&drive, 4711, &outbox); /* has none */
+    expect_frames(NULL, 0);
+    protocol.sync = fake_sync;
+    config.protocol = &protocol;
+    init_with(&config);
+    berth_drive_sync(&drive, 4711, &outbox);
+    expect_frames(sync, 1);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_missing_pointers_are_refused);
@@ -795,13 +834,16 @@ int main(void) {
     RUN_TEST(test_a_late_frame_corrects_from_its_own_time_on);
     RUN_TEST(test_a_frame_older_than_the_last_moves_no_time_back);
     RUN_TEST(test_extrapolation_ends_with_the_feedback_timeout);
+    RUN_TEST(test_longer_than_the_feedback_timeout_no_speed_counts);
     RUN_TEST(test_a_position_without_speeds_is_not_taken_back);
     RUN_TEST(test_within_a_quantum_the_speed_counts_beyond_it_the_position);
     RUN_TEST(test_a_jump_is_no_travel_and_positions_go_on_from_there);
+    RUN_TEST(test_each_step_needs_its_own_explanation);
     RUN_TEST(test_what_a_wheel_can_do_is_no_jump);
     RUN_TEST(test_a_position_that_is_lost_starts_anew);
     RUN_TEST(test_the_sum_of_travel_is_the_wheels_angle);
     RUN_TEST(test_true_speeds_are_not_spoilt_by_a_coarse_position);
+    RUN_TEST(test_sync_is_the_protocols);
     RUN_TEST(test_texts);
     return UNITY_END();
 }

@@ -620,6 +620,26 @@ static void test_beyond_what_float32_resolves_the_speed_counts(void) {
     TEST_ASSERT_EQUAL(0, berth_drive_status(&drive)->malformed);
 }
 
+/* 1/256 turn is the step of the position there; the speed is finer, either side of zero. */
+static void test_a_coarse_position_does_not_spoil_the_speed(void) {
+    for (int side = -1; side <= 1; side += 2) {
+        setUp();
+        make_enabled(0);
+        const float far = (float)side * 60000.0f;
+        double turns = (double)far;
+        TEST_ASSERT_TRUE(say_estimates(far, 0.1f, 500)); /* a jump: far from 0 */
+        TEST_ASSERT_EQUAL(1, berth_drive_status(&drive)->malformed);
+        (void)berth_drive_travel(&drive, 500);
+        for (int64_t now_us = 10500; now_us < 5000000; now_us += 10000) {
+            turns += 0.001;
+            TEST_ASSERT_TRUE(say_estimates((float)turns, 0.1f, now_us));
+            const float travel = berth_drive_travel(&drive, now_us);
+            TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 0.001f * RAD_PER_TURN, travel);
+        }
+        TEST_ASSERT_EQUAL(1, berth_drive_status(&drive)->malformed);
+    }
+}
+
 /* --- the rest ----------------------------------------------------------------------------------
  */
 
@@ -704,6 +724,7 @@ int main(void) {
     RUN_TEST(test_travel_follows_the_turns);
     RUN_TEST(test_a_jump_is_counted_and_the_speed_counts);
     RUN_TEST(test_beyond_what_float32_resolves_the_speed_counts);
+    RUN_TEST(test_a_coarse_position_does_not_spoil_the_speed);
     RUN_TEST(test_node_numbers);
     RUN_TEST(test_filters_are_exactly_the_ids_in_use);
     RUN_TEST(test_any_frames_at_any_time_never_break_it);

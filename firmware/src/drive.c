@@ -343,7 +343,6 @@ bool drive_position(berth_drive_t *drive, float turned, float quantum, int64_t a
 
 void drive_position_lost(berth_drive_t *drive) {
     drive->status.position_used = false;
-    drive->gap_rad = 0.0f;
 }
 
 float berth_drive_travel(berth_drive_t *drive, int64_t now_us) {

@@ -126,13 +126,11 @@ static drive_frame_t heartbeat(berth_drive_t *drive, const berth_can_frame_t *fr
 static bool position(berth_drive_t *drive, float turns, int64_t at_us) {
     berth_drive_odrive_state_t *state = &drive->state.odrive;
     if (!check_range(turns, -BERTH_ODRIVE_TURNS_MAX, BERTH_ODRIVE_TURNS_MAX)) {
-        state->has_turns = false;
         drive_position_lost(drive);
         return true;
     }
-    const float turned = state->has_turns ? turns - state->turns : 0.0f;
+    const float turned = turns - state->turns;
     const float quantum = (turns < 0.0f ? -turns : turns) * 0x1p-23f; /* at least float32's step */
-    state->has_turns = true;
     state->turns = turns;
     return drive_position(drive, turned, quantum, at_us);
 }

@@ -52,7 +52,7 @@ void drive_alive(berth_drive_t *drive, int64_t at_us);
  * counts as that time. */
 void drive_velocity(berth_drive_t *drive, float motor_rps, int64_t at_us);
 
-/* The motor has turned by this since the last position, or this is the first position (turns 0).
+/* The motor has turned by this since the last position; of a first position it is not looked at.
  * quantum: what the drive's unit of position is in turns. Call it after drive_velocity when one
  * frame tells both. False: it has jumped, further than the speeds since the last position can
  * explain. Then the speed alone tells the travel up to here, and positions count from this one. */

@@ -38,8 +38,8 @@ static void put(const berth_drive_t *drive, uint32_t packet, int32_t value,
 }
 
 static void enable(berth_drive_t *drive, int64_t now_us) {
-    (void)now_us; /* the drive has nothing to be set up */
-    drive->state.vesc = (berth_drive_vesc_state_t){0};
+    (void)drive; /* nothing to set up */
+    (void)now_us;
 }
 
 /* Speed 0 takes the place of a speed that still waits to be sent, here and in stop: otherwise it
@@ -88,8 +88,7 @@ static drive_frame_t status_5(berth_drive_t *drive, const berth_can_frame_t *fra
     }
     berth_drive_vesc_state_t *state = &drive->state.vesc;
     const uint32_t tachometer = get_u32_be(frame->data);
-    const int32_t steps = state->has_tachometer ? signed_u32(tachometer - state->tachometer) : 0;
-    state->has_tachometer = true;
+    const int32_t steps = signed_u32(tachometer - state->tachometer);
     state->tachometer = tachometer;
     const float quantum = 1.0f / (STEPS_PER_ELECTRICAL_TURN * (float)drive->config.pole_pairs);
     return drive_position(drive, (float)steps * quantum, quantum, at_us) ? DRIVE_FRAME_GOOD

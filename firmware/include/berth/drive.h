@@ -104,14 +104,12 @@ typedef struct {
     uint8_t axis_state; /* last told by the heartbeat */
     uint32_t error;     /* last told by the heartbeat */
     bool stopped_hard;  /* the emergency stop message was sent since enabling */
-    bool has_turns;
-    float turns;      /* last position */
-    int64_t asked_us; /* when the axis was first asked to enable; INT64_MAX: not yet */
-    int64_t retry_us; /* when to do the next step */
+    float turns;        /* last position */
+    int64_t asked_us;   /* when the axis was first asked to enable; INT64_MAX: not yet */
+    int64_t retry_us;   /* when to do the next step */
 } berth_drive_odrive_state_t;
 
 typedef struct {
-    bool has_tachometer;
     uint32_t tachometer; /* last */
 } berth_drive_vesc_state_t;
 
