@@ -5,6 +5,19 @@
  * Passive, like the firmware: frames and time in, frames and the next deadline out. The wheel
  * itself is the robot's business: it asks for the speed that the drive wants to turn at, and tells
  * the encoder what the wheel really did.
+ *
+ * What a master may trip over, because real drives do so:
+ *
+ *   odrive   keeps its last input velocity: closed loop without a fresh one moves the wheel at the
+ *            old speed. Errors stay, and keep it idle, until they are cleared. The watchdog runs
+ *            in closed loop alone.
+ *   vesc     has no armed state: any command moves the wheel, also after a time-out. A failure of
+ *            its own makes it deaf for 0.5 s. It has no heartbeat to mute.
+ *   cia402   hears nothing for 10 ms after power-on and reset node, then sends its boot-up message,
+ *            and is ready to be switched on 5 ms later. Watches its master's heartbeat from the
+ *            first one on, once object 0x1016 says so; losing it is a fault while enabled (object
+ *            0x6007 tells otherwise), with emergency 0x8130, and leaves operational. Takes PDOs'
+ *            parameters only while the PDO is off. Its ramps start at 1000 motor turns/s2.
  */
 #ifndef HOST_SIM_BUS_DRIVE_SIM_H
 #define HOST_SIM_BUS_DRIVE_SIM_H
