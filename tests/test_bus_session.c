@@ -78,8 +78,9 @@ static void check_good(const char *what) {
     }
     const long periods = lround(scenario.duration_s / scenario.period_s);
     TEST_ASSERT_EQUAL_INT_MESSAGE(periods, result.robot.summary.steps, what);
-    /* idle means: below the supervisor's standing_radps; drives with lag run out from there */
-    TEST_ASSERT_TRUE_MESSAGE(fabs(result.robot.speed_mps) < 0.01, what);
+    /* idle means: last heard below the supervisor's standing_radps; from there wheels with lag run
+     * out, or what little was commanded before the stop still has its way */
+    TEST_ASSERT_TRUE_MESSAGE(fabs(result.robot.speed_mps) < 0.05, what);
 }
 
 static void check_like_plain(const char *what) {
