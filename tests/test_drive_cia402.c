@@ -959,6 +959,11 @@ static void test_syncs_between_the_periods(void) {
     rig_expect(&rig, "080#");
     rig_expect_silence(&rig);
     TEST_ASSERT_EQUAL_INT64(start_us + 90000, berth_drive_deadline(&rig.drive));
+    const berth_drive_t before = rig.drive;
+    rig.now_us = start_us + 95001; /* too near to the next period's */
+    rig_step(&rig);
+    rig_expect_silence(&rig);
+    rig.drive = before;
 
     rig_t other = rig; /* two drives, one SYNC */
     other.drive.config.node = 6;
@@ -1038,6 +1043,20 @@ static void test_velocity_sign_gear_and_units(void) {
     rig_say(&rig, "185#370200000080"); /* -2^31 */
     TEST_ASSERT_FLOAT_WITHIN(100.0f, -2147483648.0f / 60.0f / 4.0f * 6.2831853f,
                              rig_status(&rig)->velocity_radps);
+}
+
+static void test_speeds_that_cannot_be(void) {
+    berth_drive_config_t config = rig_config();
+    config.velocity_units_per_rps = 1.0e-3f;
+    rig_init(&rig, config);
+    walk_to_enabled();
+    rig_say(&rig, "185#3802FFFFFF7F"); /* 2^31 - 1: 2e12 turns/s */
+    rig_say(&rig, "185#380200000080");
+    TEST_ASSERT_EQUAL_UINT32(2, rig_status(&rig)->malformed);
+    TEST_ASSERT_EQUAL_FLOAT(0.0f, rig_status(&rig)->velocity_radps);
+    rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
+    rig_say(&rig, "185#3702A0860100"); /* 100000: 1e8 turns/s */
+    TEST_ASSERT_FLOAT_WITHIN(100.0f, 6.2831853e7f, rig_status(&rig)->velocity_radps);
 }
 
 static void test_commands_saturate_and_are_counted(void) {
@@ -1354,6 +1373,7 @@ int main(void) {
     RUN_TEST(test_syncs_between_the_periods);
     RUN_TEST(test_emergency_stop_lets_go_once_the_wheel_stands);
     RUN_TEST(test_velocity_sign_gear_and_units);
+    RUN_TEST(test_speeds_that_cannot_be);
     RUN_TEST(test_commands_saturate_and_are_counted);
     RUN_TEST(test_positions_wrap_modulo_two_to_the_32);
     RUN_TEST(test_without_position_its_frames_are_not_ours);

@@ -1,4 +1,8 @@
+#include "check.h"
 #include "cia402.h"
+
+/* Faster than this, turns/s, is no speed. */
+#define MOTOR_RPS_MAX 1.0e9f
 
 /* The states of CiA 402 that a statusword can tell. */
 typedef enum {
@@ -91,12 +95,13 @@ drive_frame_t cia402_status(berth_drive_t *drive, const berth_can_frame_t *frame
     if (state->stage < CIA402_NODE) {
         return DRIVE_FRAME_GOOD; /* what a former mapping means is not known */
     }
-    if (!drive_frame_has(frame, 6)) {
+    const float units = (float)signed_u32(get_u32_le(frame->data + 2));
+    const float motor_rps = units / drive->config.velocity_units_per_rps;
+    if (!drive_frame_has(frame, 6) || !check_range(motor_rps, -MOTOR_RPS_MAX, MOTOR_RPS_MAX)) {
         return DRIVE_FRAME_MALFORMED;
     }
     state->statusword = get_u16_le(frame->data);
-    const float units = (float)signed_u32(get_u32_le(frame->data + 2));
-    drive_velocity(drive, units / drive->config.velocity_units_per_rps, at_us);
+    drive_velocity(drive, motor_rps, at_us);
     check_state(drive, at_us);
     return DRIVE_FRAME_GOOD;
 }

@@ -199,15 +199,19 @@ static drive_frame_t receive(berth_drive_t *drive, const berth_can_frame_t *fram
 
 /* --- time ----------------------------------------------------------------------------------- */
 
-/* Late ones are not made up for. */
+/* Late ones are not made up for. One that would come with the next period's commands is left out:
+ * in the outbox it would stand before them, and they would wait for another. */
 static void sync_between(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
-    if (state->syncs > 0 && now_us >= state->sync_us) {
-        put_sync(outbox, BERTH_OUTBOX_LATEST);
-    }
+    const int64_t period_us = cia402_sync_period_us(&drive->config);
+    bool put = false;
     while (state->syncs > 0 && now_us >= state->sync_us) {
+        put = now_us - state->sync_us <= period_us / 2;
         state->syncs--;
-        state->sync_us += cia402_sync_period_us(&drive->config);
+        state->sync_us += period_us;
+    }
+    if (put) {
+        put_sync(outbox, BERTH_OUTBOX_LATEST);
     }
 }
 

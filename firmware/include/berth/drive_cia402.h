@@ -102,7 +102,8 @@
  * the present device state.
  *
  * COUNTERS: saturated: target velocity beyond int32. malformed: a wrong length, a remote frame, an
- * NMT state or an SDO command that does not exist or does not fit. Answers to what was not asked
+ * NMT state or an SDO command that does not exist or does not fit, a speed above 1e9 turns/s, a
+ * position that jumps. Answers to what was not asked
  * (late ones, after a repetition) are good and mean nothing.
  *
  * Frames each period: RPDO1 and our heartbeat; each SYNC: itself, TPDO1, with has_position TPDO2.
