@@ -12,7 +12,8 @@
  *
  * Receive. Only the ids asked for come through the kernel's filter, and all error frames. time_us
  * is when the kernel got the frame, on CLOCK_MONOTONIC; where the adapter stamps frames, its stamps
- * are mapped onto that clock (see stamp.h). Stamps never go backwards.
+ * are mapped onto that clock (see stamp.h). Stamps never go backwards. In the first
+ * moments after the first socket on the machine asks for stamps, the kernel stamps on fetching.
  *
  * Send. DONE: the kernel has queued it. AGAIN: its queue is full (ENOBUFS, EAGAIN), or
  * SOCKETCAN_IN_FLIGHT_MAX frames wait for their confirmation. The socket receives its own frames

@@ -65,6 +65,15 @@ def test_platform_knows_the_contract_and_other_platforms_alone(path):
     assert [header for kind, header in includes(path) if not platform_may(kind, header)] == []
 
 
+PORTABLE = [path for folder in ("blank", "slcan") for path in files(".c", ".h", under=HAL / folder)]
+
+
+@pytest.mark.parametrize("path", PORTABLE, ids=name)
+def test_portable_platform_includes_no_system(path):
+    """They run on microcontrollers: the firmware's system headers alone."""
+    assert [h for kind, h in includes(path) if kind == "<" and h not in FIRMWARE_SYSTEM] == []
+
+
 def platform_may(kind, header):
     return kind == "<" or is_hal(header) or is_platform(header)
 
