@@ -318,7 +318,7 @@ static void test_host_send_when_the_line_stalls(void) {
     begin(SLCAN_HOST);
     expect_none();
     (void)peer_hears();
-    ours.room = 3;
+    ours.room = 55; /* two lines and a half */
     uint32_t taken = 0;
     while (send(&frame) == BERTH_CAN_DONE) {
         frame.id++;
@@ -419,14 +419,42 @@ static void test_host_opens_a_reset_adapter_again(void) {
     TEST_ASSERT_EQUAL_UINT32(1, state().tx_dropped);
     TEST_ASSERT_EQUAL_UINT32(1, state().restarts);
     TEST_ASSERT_EQUAL_UINT32(2, slcan_counts(&line).setups);
+    TEST_ASSERT_EQUAL_UINT32(2, slcan_counts(&line).refused);
+    peer_says("\r\r\r");
+    for (int i = 0; i < 4; i++) { /* once is enough */
+        time_us += SLCAN_POLL_US;
+        expect_none();
+    }
+    TEST_ASSERT_EQUAL_UINT32(2, slcan_counts(&line).setups);
+}
+
+/* Its queue was full: it refuses frames and tells its flags. */
+static void test_host_keeps_an_adapter_that_refuses_frames(void) {
+    const berth_can_frame_t frame = {.id = 1};
+    begin(SLCAN_HOST);
+    expect_none();
+    peer_says("\r\r\r");
+    for (uint32_t i = 1; i <= 5u; i++) {
+        time_us += SLCAN_POLL_US;
+        expect_none();
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame));
+        peer_says("\aF00\r");
+        expect_none();
+        TEST_ASSERT_EQUAL_UINT32(i, state().tx_dropped);
+        TEST_ASSERT_EQUAL_UINT32(i, slcan_counts(&line).refused);
+    }
+    TEST_ASSERT_EQUAL_UINT32(1, slcan_counts(&line).setups);
 }
 
 static void test_host_keeps_a_silent_adapter(void) {
     begin(SLCAN_HOST);
     expect_none();
+    (void)peer_hears();
     for (int i = 0; i < 10; i++) {
         time_us += SLCAN_POLL_US;
         expect_none();
+        expect_none(); /* asked once */
+        TEST_ASSERT_EQUAL_STRING("F\r", peer_hears());
     }
     TEST_ASSERT_EQUAL_UINT32(1, slcan_counts(&line).setups);
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state().mode);
@@ -436,9 +464,11 @@ static void test_host_answers_a_host_but_sends_no_bell(void) {
     begin(SLCAN_HOST);
     expect_none();
     (void)peer_hears();
-    peer_says("C\rS8\rO\rV\rN\rF\r");
+    peer_says("C\rS8\rO\rV\rN\rF\rZ1\r");
     expect_none();
-    TEST_ASSERT_EQUAL_STRING("\r\r\rV1013\rNB001\rF00\r", peer_hears());
+    TEST_ASSERT_EQUAL_STRING("\r\r\rV1013\rNB001\rF00\r\r", peer_hears());
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&(berth_can_frame_t){.id = 5}));
+    TEST_ASSERT_EQUAL_STRING("t0050\r", peer_hears()); /* adapters want no stamps */
     peer_says("V1013\rNB001\rQ1\rboot message\rt1230\r");
     berth_can_frame_t frame;
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, receive(&frame));
@@ -453,7 +483,7 @@ static void test_filters_and_bad_arguments(void) {
     config.filter_count = 2;
     slcan_init(&line, &config);
     can = slcan_can(&line);
-    peer_says("t1330\rt1200\rT000001200\rt1000\rT000010000\rt12F0\r");
+    peer_says("t1330\rt1200\rT000001200\rt1000\rt1310\rT000010000\rt12F0\r");
     static const uint32_t ids[] = {0x120, 0x1000, 0x12f};
     berth_can_frame_t frame;
     for (uint32_t i = 0; i < 3u; i++) {
@@ -461,7 +491,9 @@ static void test_filters_and_bad_arguments(void) {
         TEST_ASSERT_EQUAL_HEX32(ids[i], frame.id);
     }
     expect_none();
-    TEST_ASSERT_EQUAL_UINT32(3, slcan_counts(&line).filtered);
+    TEST_ASSERT_EQUAL_UINT32(4, slcan_counts(&line).filtered);
+    TEST_ASSERT_EQUAL_UINT32(3, slcan_counts(&line).received);
+    TEST_ASSERT_EQUAL_UINT32(0, slcan_counts(&line).malformed);
     const berth_can_frame_t bad[] = {{.id = 0x800},
                                      {.id = 0x20000000, .extended = true},
                                      {.id = UINT32_MAX},
@@ -497,9 +529,14 @@ static void test_adapter_answers_commands(void) {
     expect_answer("S9\r", "\a");
     expect_answer("S\r", "\a");
     expect_answer("s031C\r", "\r");
+    expect_answer("s031C00\r", "\r");
+    expect_answer("s031\r", "\a");
     expect_answer("O\r", "\r");
     expect_answer("O\r", "\a");
     expect_answer("S8\r", "\a");
+    expect_answer("Z1\r", "\a"); /* too late: no stamps */
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&(berth_can_frame_t){.id = 5}));
+    TEST_ASSERT_EQUAL_STRING("t0050\r", peer_hears());
     expect_answer("F\r", "F00\r");
     expect_answer("X1\r", "\r");
     expect_answer("X0\r", "\a");
@@ -715,6 +752,7 @@ int main(void) {
     RUN_TEST(test_host_loses_the_line_and_finds_it);
     RUN_TEST(test_host_asks_for_status);
     RUN_TEST(test_host_opens_a_reset_adapter_again);
+    RUN_TEST(test_host_keeps_an_adapter_that_refuses_frames);
     RUN_TEST(test_host_keeps_a_silent_adapter);
     RUN_TEST(test_host_answers_a_host_but_sends_no_bell);
     RUN_TEST(test_filters_and_bad_arguments);

@@ -95,6 +95,19 @@ static void pause_ms(uint32_t ms) {
     (void)usleep(ms * 1000u);
 }
 
+/* Confirmations may be slow to come: then the flight is full. */
+static void put_patiently(socketcan_t *bus, const berth_can_frame_t *frame) {
+    berth_can_frame_t none;
+    berth_can_outcome_t outcome = put(bus, frame);
+    (void)get(bus, &none);
+    for (int i = 0; i < 2000 && outcome == BERTH_CAN_AGAIN; i++) {
+        pause_ms(1);
+        (void)get(bus, &none);
+        outcome = put(bus, frame);
+    }
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, outcome);
+}
+
 /* vcan delivers through the receiving processor's soft interrupt: a moment later, at the latest. */
 static void expect_frame(socketcan_t *bus, const berth_can_frame_t *want, berth_can_frame_t *got) {
     berth_can_outcome_t outcome = get(bus, got);
@@ -397,9 +410,7 @@ static void test_one_lost_confirmation(void) {
 static void test_confirmations_lost_in_an_overflow(void) {
     const berth_can_frame_t last = {.id = 0x321};
     for (uint32_t i = 0; i < 1000u; i++) {
-        berth_can_frame_t frame;
-        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, put(&b, &small));
-        (void)get(&b, &frame);
+        put_patiently(&b, &small);
     }
     pause_ms(20);
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, put(&a, &last));
@@ -415,15 +426,9 @@ static void test_confirmations_lost_in_an_overflow(void) {
 }
 
 static void test_receive_overflow_is_counted(void) {
-    uint32_t sent = 0;
     for (uint32_t i = 0; i < 3000u; i++) {
-        berth_can_frame_t frame;
-        if (put(&a, &small) == BERTH_CAN_DONE) {
-            sent++;
-        }
-        (void)get(&a, &frame); /* a fetches its confirmations, b nothing */
+        put_patiently(&a, &small); /* a fetches its confirmations, b nothing */
     }
-    TEST_ASSERT_EQUAL_UINT32(3000, sent);
     drain(&b);
     /* The kernel tells with the next frame that finds room. */
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, put(&a, &small));
@@ -709,8 +714,7 @@ static void test_cost(void) {
     const int64_t start_us = realtime_now_us();
     uint32_t received = 0;
     for (uint32_t i = 0; i < frames; i++) {
-        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, put(&a, &small));
-        (void)get(&a, &got);
+        put_patiently(&a, &small);
         received += get(&b, &got) == BERTH_CAN_DONE ? 1u : 0u;
     }
     const int64_t spent_us = realtime_now_us() - start_us;
