@@ -137,6 +137,8 @@ static void walk_to_enabled(void) {
     walk_to_check();
     rig_say(&rig, mode_check.answer);
     rig_expect_state(&rig, BERTH_DRIVE_STARTING);
+    TEST_ASSERT_EQUAL_INT64(rig.enabled_us + rig.drive.config.enable_timeout_us + 1,
+                            berth_drive_deadline(&rig.drive));
     period("205#0F0000000000");
     rig_say(&rig, "185#370200000000");
     rig_expect_state(&rig, BERTH_DRIVE_ENABLED);
@@ -475,6 +477,8 @@ static void test_what_happens_while_the_mode_is_asked_for(void) {
     rig_expect_state(&rig, BERTH_DRIVE_STARTING);
     rig_step(&rig);
     rig_expect(&rig, mode_check.asks);
+    next_try(); /* all three are to be had again */
+    next_try();
     rig_say(&rig, mode_check.answer);
     rig_say(&rig, "185#500200000000"); /* disabled once more meanwhile */
     rig_expect_state(&rig, BERTH_DRIVE_STARTING);
@@ -883,6 +887,8 @@ static void test_while_the_node_is_being_started(void) {
     period("205#000000000000"); /* it may hear already */
     rig_say(&rig, "185#370200100000");
     TEST_ASSERT_FLOAT_WITHIN(1.0e-3f, 0.628319f, rig_status(&rig)->velocity_radps);
+    rig_say(&rig, "285#00000000");
+    TEST_ASSERT_TRUE(rig_status(&rig)->position_used);
     period("205#000000000000"); /* but its statusword may be an old one */
     berth_drive_stop(&rig.drive, &rig.outbox);
     rig_expect(&rig, "205#020000000000");
