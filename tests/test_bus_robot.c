@@ -282,6 +282,46 @@ static void test_strides_do_not_matter(void) {
     setUp();
 }
 
+/* With nothing to do for long the plant is moved in short pieces all the same. */
+static void test_lag_is_exact_between_events_far_apart(void) {
+    circle();
+    scenario.plant.tau_s = 0.01;
+    bus_robot_config_t config = robot_config();
+    config.fix_period_us = 0;
+    for (int side = 0; side < 2; side++) {
+        config.drives[side].feedback_us = 10000000;
+        config.drives[side].heartbeat_us = 10000000;
+        config.drives[side].watchdog_us = 0;
+    }
+    create_with(&config);
+    enable();
+    command_wheels(TWO_PI, TWO_PI);
+    now_us += 1000000;
+    bus_robot_step(robot, now_us);
+    const double way_m = 0.05 * TWO_PI * (1.0 - 0.01);
+    check_pose(scenario.start.x_m + way_m * cos(scenario.start.theta_rad),
+               scenario.start.y_m + way_m * sin(scenario.start.theta_rad),
+               scenario.start.theta_rad);
+}
+
+/* On a bus with little room neither drive waits for the other to fall silent. */
+static void test_drives_take_turns(void) {
+    circle();
+    bus_robot_config_t config = robot_config();
+    config.fix_period_us = 0;
+    create_with(&config);
+    now_us += 95000; /* nine frames each */
+    bus_robot_step(robot, now_us);
+    for (int i = 0; i < 10; i++) {
+        const berth_can_frame_t *front = bus_robot_front(robot);
+        TEST_ASSERT_NOT_NULL(front);
+        take_frame(front);
+        bus_robot_sent(robot);
+    }
+    TEST_ASSERT_EQUAL_UINT(5, frames[0]);
+    TEST_ASSERT_EQUAL_UINT(5, frames[1]);
+}
+
 /* A lagging plant's encoders tell where the true wheels are, not where they were told to be. */
 static void test_encoders_tell_the_true_wheels(void) {
     circle();
@@ -599,6 +639,8 @@ static void test_collisions_are_counted_by_the_true_robot(void) {
         least_m = fmin(least_m, rows[k].clearance_m);
     }
     TEST_ASSERT_EQUAL_DOUBLE(result()->summary.min_clearance_m, least_m);
+    TEST_ASSERT_TRUE(rows[0].clearance_m > 0.5); /* each row has its own */
+    TEST_ASSERT_TRUE(rows[79].clearance_m > 0.3);
 }
 
 static void test_clearance_counts_outside_the_run_too(void) {
@@ -614,17 +656,56 @@ static void test_clearance_counts_outside_the_run_too(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, 0.073 - 0.1, result()->clearance_m);
 }
 
+static void test_what_comes_after_the_run_does_not_count_in_its_summary(void) {
+    circle();
+    scenario.duration_s = 1.0;
+    scenario.start.x_m = -0.6;
+    scenario.start.y_m = 1.027;
+    scenario.start.theta_rad = 0.0;
+    create();
+    enable();
+    drive_periods(0, 20, 1.0, 1.0);
+    TEST_ASSERT_EQUAL_INT(BUS_ROBOT_DONE, result()->phase);
+    const run_summary_t at_end = result()->summary;
+    drive_periods(20, 60, 8.0, 8.0);
+    TEST_ASSERT_EQUAL_DOUBLE(at_end.min_clearance_m, result()->summary.min_clearance_m);
+    TEST_ASSERT_TRUE(at_end.min_clearance_m > 0.3);
+    TEST_ASSERT_EQUAL_INT(0, result()->summary.collisions);
+    TEST_ASSERT_EQUAL_INT(20, result()->summary.steps);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, -0.1, result()->clearance_m);
+    TEST_ASSERT_EQUAL_size_t(20, row_count);
+}
+
+/* Avoiding and far away when the board leaves in the middle of a period: not recovered. */
+static void test_a_run_cut_short_has_not_recovered(void) {
+    circle();
+    create();
+    enable();
+    command_wheels(0.0, 0.0);
+    for (uint32_t k = 0; k < 5; k++) {
+        status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_CONSERVATIVE_TURN, 0, k);
+        run_until(now_us + PERIOD_US);
+    }
+    run_until(now_us + PERIOD_US / 3);
+    status(BERTH_SUPERVISOR_STOPPING, BERTH_MODE_TRACK, 0, 5);
+    TEST_ASSERT_EQUAL_INT(5, result()->summary.steps);
+    TEST_ASSERT_TRUE(isnan(result()->summary.recovery_time_s));
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-9, 0.25, result()->summary.avoidance_time_s);
+}
+
 static void test_the_boards_pose_is_held_against_the_true_one(void) {
     circle();
     create();
-    status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 0);
     const berth_pose_t pose = {(float)scenario.start.x_m + 0.03f, (float)scenario.start.y_m - 0.04f,
                                0.0f};
     berth_can_frame_t frame;
     berth_message_encode_pose(&frame, BERTH_MESSAGE_POSE, ADDRESS, &pose);
     receive(frame);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, result()->pose_error_m); /* during the run alone */
+    status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 0);
+    receive(frame);
     TEST_ASSERT_DOUBLE_WITHIN(1.0e-4, 0.05, result()->pose_error_m);
-    TEST_ASSERT_EQUAL_UINT(1, result()->poses);
+    TEST_ASSERT_EQUAL_UINT(2, result()->poses);
 }
 
 /* --- trouble ----------------------------------------------------------------------------- */
@@ -769,6 +850,8 @@ int main(void) {
     RUN_TEST(test_a_wheel_without_torque_stands);
     RUN_TEST(test_watchdogs_stop_the_wheels);
     RUN_TEST(test_strides_do_not_matter);
+    RUN_TEST(test_lag_is_exact_between_events_far_apart);
+    RUN_TEST(test_drives_take_turns);
     RUN_TEST(test_encoders_tell_the_true_wheels);
     RUN_TEST(test_fixes_come_at_once_and_then_cyclically);
     RUN_TEST(test_a_late_fix_tells_where_the_robot_was);
@@ -786,6 +869,8 @@ int main(void) {
     RUN_TEST(test_a_run_begun_long_ago_is_none);
     RUN_TEST(test_collisions_are_counted_by_the_true_robot);
     RUN_TEST(test_clearance_counts_outside_the_run_too);
+    RUN_TEST(test_what_comes_after_the_run_does_not_count_in_its_summary);
+    RUN_TEST(test_a_run_cut_short_has_not_recovered);
     RUN_TEST(test_the_boards_pose_is_held_against_the_true_one);
     RUN_TEST(test_ordered_trouble_comes_at_its_time);
     RUN_TEST(test_orders_have_an_end);

@@ -330,6 +330,84 @@ static void test_without_those_frames_it_collides(void) {
     TEST_ASSERT_EQUAL_INT(3, result.robot.summary.collisions);
 }
 
+static void test_a_board_that_ignores_obstacles_is_not_told_of_any(void) {
+    experiment("circle");
+    strategy("none");
+    setup.announced = true;
+    run();
+    TEST_ASSERT_EQUAL_UINT(0, result.robot.announcements);
+    TEST_ASSERT_EQUAL_INT(3, result.robot.summary.collisions);
+}
+
+/* --- configurations ---------------------------------------------------------------------- */
+
+static void test_the_setup_is_what_the_board_gets(void) {
+    berth_board_config_t board;
+    experiment("eight");
+    setup.drive = DRIVE_SIM_CIA402;
+    setup.node[0] = 12;
+    setup.node[1] = 13;
+    setup.sign[1] = -1;
+    setup.gear_ratio = 7.5;
+    setup.mode = 9;
+    setup.master = 99;
+    setup.position = false;
+    setup.counts_per_turn = 1000;
+    setup.feedback_timeout_us = 222000;
+    setup.heartbeat_timeout_us = 333000;
+    setup.enable_timeout_us = 444000;
+    setup.address = 77;
+    setup.velocity_units_per_rps = 60.0;
+    setup.given |= 1u << (BUS_SETUP_UNITS - BUS_SETUP_DRIVE);
+    TEST_ASSERT_TRUE(bus_setup_finish(&setup, &error));
+    TEST_ASSERT_TRUE(bus_setup_board_config(&setup, &scenario, 50000, &board, &error));
+    for (int side = 0; side < 2; side++) {
+        const berth_drive_config_t *drive = &board.drives[side];
+        TEST_ASSERT_EQUAL_PTR(&berth_drive_cia402, drive->protocol);
+        TEST_ASSERT_EQUAL_UINT8(12 + side, drive->node);
+        TEST_ASSERT_EQUAL_INT8(side == 0 ? 1 : -1, drive->sign);
+        TEST_ASSERT_EQUAL_FLOAT(7.5f, drive->gear_ratio);
+        TEST_ASSERT_EQUAL_UINT8(9, drive->mode);
+        TEST_ASSERT_EQUAL_UINT8(99, drive->master_node);
+        TEST_ASSERT_FALSE(drive->has_position);
+        TEST_ASSERT_EQUAL_UINT32(1000, drive->counts_per_turn);
+        TEST_ASSERT_EQUAL_FLOAT(60.0f, drive->velocity_units_per_rps);
+        TEST_ASSERT_EQUAL_UINT32(222000, drive->feedback_timeout_us);
+        TEST_ASSERT_EQUAL_UINT32(333000, drive->heartbeat_timeout_us);
+        TEST_ASSERT_EQUAL_UINT32(444000, drive->enable_timeout_us);
+        const drive_sim_config_t sim = bus_setup_drive_sim(&setup, side);
+        TEST_ASSERT_EQUAL_INT(DRIVE_SIM_CIA402, sim.kind);
+        TEST_ASSERT_EQUAL_UINT8(drive->node, sim.node);
+        TEST_ASSERT_EQUAL_INT(drive->sign, sim.sign);
+        TEST_ASSERT_EQUAL_DOUBLE(60.0, sim.velocity_units_per_rps);
+    }
+    TEST_ASSERT_EQUAL_UINT8(77, board.address);
+    TEST_ASSERT_EQUAL_FLOAT(0.8f, board.controller.limits.v_max_mps);
+    /* without --velocity-units: counts/s */
+    bus_setup_init(&setup, false);
+    setup.counts_per_turn = 1000;
+    TEST_ASSERT_TRUE(bus_setup_finish(&setup, &error));
+    TEST_ASSERT_EQUAL_DOUBLE(1000.0, setup.velocity_units_per_rps);
+}
+
+/* What the clearance condition demands of obstacles from the bus, for slow drives too. */
+static void test_regions_for_the_buss_obstacles(void) {
+    berth_board_config_t board;
+    experiment("eight");
+    TEST_ASSERT_TRUE(bus_setup_board_config(&setup, &scenario, 50000, &board, &error));
+    TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 0.8f * 0.05f + 0.01f, board.regions.conservative_m);
+    TEST_ASSERT_EQUAL_FLOAT(0.2f, board.regions.regulated_m);
+    scenario.plant.tau_s = 0.1;
+    scenario.plant.a_max_mps2 = 2.0;
+    scenario.plant.pose_noise_m = 0.01;
+    TEST_ASSERT_TRUE(bus_setup_board_config(&setup, &scenario, 50000, &board, &error));
+    TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 0.8f * 0.15f + 0.64f / 4.0f + 0.03f + 0.01f,
+                             board.regions.conservative_m);
+    strategy("conservative");
+    TEST_ASSERT_TRUE(bus_setup_board_config(&setup, &scenario, 50000, &board, &error));
+    TEST_ASSERT_EQUAL_FLOAT((float)scenario.avoidance.skirt_m, board.regions.regulated_m);
+}
+
 /* --- refusals ---------------------------------------------------------------------------- */
 
 static void check_refused(const char *fragment) {
@@ -604,6 +682,9 @@ int main(void) {
     RUN_TEST(test_a_blind_board_collides_as_without_the_bus);
     RUN_TEST(test_obstacles_told_over_the_bus_are_avoided);
     RUN_TEST(test_without_those_frames_it_collides);
+    RUN_TEST(test_a_board_that_ignores_obstacles_is_not_told_of_any);
+    RUN_TEST(test_the_setup_is_what_the_board_gets);
+    RUN_TEST(test_regions_for_the_buss_obstacles);
     RUN_TEST(test_what_the_board_refuses_is_refused);
     RUN_TEST(test_a_dead_drive_stops_both);
     RUN_TEST(test_a_drive_that_fails_stops_both);
