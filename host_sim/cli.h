@@ -19,6 +19,7 @@
 int cli_run(int argc, char **argv);
 int cli_compare(int argc, char **argv);
 int cli_campaign(int argc, char **argv);
+int cli_replay(int argc, char **argv);
 
 /* What the commands are told. Strings point into argv. */
 typedef struct {

@@ -16,6 +16,7 @@ static const char help[] =
     "  run SCENARIO                        one run: summary, log, figures\n"
     "  compare SCENARIO --strategies A,B   the same scenario under several controllers\n"
     "  campaign                            many random scenes: does the robot ever collide?\n"
+    "  replay FILE                         a record of berth-board again, compared bit for bit\n"
     "\n"
     "SCENARIO is `circle' or `eight' (the two built-in experiments) or a YAML file.\n"
     "\n"
@@ -38,6 +39,7 @@ static const command_t commands[] = {
     {"run", cli_run},
     {"compare", cli_compare},
     {"campaign", cli_campaign},
+    {"replay", cli_replay},
 };
 
 static int print(const char *text) {
@@ -46,7 +48,7 @@ static int print(const char *text) {
 
 static int bad_usage(const char *what, const char *argument) {
     fprintf(stderr,
-            "berth-sim: %s%s%s%s (allowed: run, compare, campaign, --help, --version)\n"
+            "berth-sim: %s%s%s%s (allowed: run, compare, campaign, replay, --help, --version)\n"
             "Try `berth-sim --help' for more information.\n",
             what, argument[0] != '\0' ? " '" : "", argument, argument[0] != '\0' ? "'" : "");
     return CLI_USAGE;

@@ -8,6 +8,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
 
 #define SCENARIO_OBSTACLES_MAX 16
 #define SCENARIO_TEXT_MAX 256
@@ -76,6 +77,10 @@ bool scenario_load(const char *path, scenario_t *scenario, scenario_error_t *err
 bool scenario_open(const char *name, const char *const *sets, size_t set_count,
                    scenario_t *scenario, scenario_error_t *error);
 
+/* The same from a text with an end; name stands for it in messages. */
+bool scenario_load_text(const char *name, const char *text, scenario_t *scenario,
+                        scenario_error_t *error);
+
 /* Sets one value by its dotted key ("robot.v_max_mps=0.6", "obstacles.0.hard_m=0.2",
  * "mpc.q=[10,40,1]"), with the same checks as a file. */
 bool scenario_set(scenario_t *scenario, const char *assignment, scenario_error_t *error);
@@ -85,5 +90,9 @@ bool scenario_check(const scenario_t *scenario, scenario_error_t *error);
 
 /* Writes the scenario as YAML that scenario_load reads back to the same values. */
 bool scenario_write(const scenario_t *scenario, const char *path, scenario_error_t *error);
+
+/* The same text to an open file; what cannot be written shows in ferror. False with nothing written
+ * when the reference's file has no absolute path. */
+bool scenario_print(const scenario_t *scenario, FILE *file, scenario_error_t *error);
 
 #endif

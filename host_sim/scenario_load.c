@@ -480,28 +480,40 @@ static bool default_start(loader_t *loader) {
     return good;
 }
 
-bool scenario_load(const char *path, scenario_t *scenario, scenario_error_t *error) {
+/* bytes stays the caller's. */
+static bool load_bytes(const char *name, const unsigned char *bytes, size_t size,
+                       scenario_t *scenario, scenario_error_t *error) {
     scenario_t loaded;
-    loader_t loader = {.scenario = &loaded, .error = error, .lines = {.file = path}};
-    unsigned char *bytes = read_file(path, &loader.size, error);
-    if (bytes == NULL) {
-        return false;
-    }
+    loader_t loader = {
+        .scenario = &loaded, .error = error, .lines = {.file = name}, .bytes = bytes, .size = size};
     if (!yaml_parser_initialize(&loader.parser)) {
-        free(bytes);
-        return refuse_reading(path, "out of memory", error);
+        return refuse_reading(name, "out of memory", error);
     }
-    loader.bytes = bytes;
     yaml_parser_set_encoding(&loader.parser, YAML_UTF8_ENCODING);
-    yaml_parser_set_input_string(&loader.parser, bytes, loader.size);
+    yaml_parser_set_input_string(&loader.parser, bytes, size);
     scenario_defaults(&loaded);
     const bool good = load_document(&loader) && check_all_given(&loader) && resolve_file(&loader) &&
                       scenario_check_lines(&loaded, &loader.lines, error) && default_start(&loader);
     yaml_event_delete(&loader.event);
     yaml_parser_delete(&loader.parser);
-    free(bytes);
     if (good) {
         *scenario = loaded;
     }
     return good;
+}
+
+bool scenario_load(const char *path, scenario_t *scenario, scenario_error_t *error) {
+    size_t size = 0;
+    unsigned char *bytes = read_file(path, &size, error);
+    if (bytes == NULL) {
+        return false;
+    }
+    const bool good = load_bytes(path, bytes, size, scenario, error);
+    free(bytes);
+    return good;
+}
+
+bool scenario_load_text(const char *name, const char *text, scenario_t *scenario,
+                        scenario_error_t *error) {
+    return load_bytes(name, (const unsigned char *)text, strlen(text), scenario, error);
 }

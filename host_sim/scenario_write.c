@@ -125,18 +125,29 @@ static bool make_absolute(scenario_t *scenario, scenario_error_t *error) {
                           scenario->reference.file, SCENARIO_TEXT_MAX - 1);
 }
 
-bool scenario_write(const scenario_t *scenario, const char *path, scenario_error_t *error) {
+bool scenario_print(const scenario_t *scenario, FILE *file, scenario_error_t *error) {
     scenario_t copy = *scenario;
-    output_file_t out;
-    if (!make_absolute(&copy, error) || !output_file_open(&out, path, error)) {
+    if (!make_absolute(&copy, error)) {
         return false;
     }
     for (size_t i = 0; i < SECTION_COUNT; i++) {
         if (i == SECTION_OBSTACLES) {
-            write_obstacles(out.file, &copy);
+            write_obstacles(file, &copy);
         } else {
-            write_section(out.file, &copy, (key_section_t)i);
+            write_section(file, &copy, (key_section_t)i);
         }
+    }
+    return true;
+}
+
+bool scenario_write(const scenario_t *scenario, const char *path, scenario_error_t *error) {
+    output_file_t out;
+    if (!output_file_open(&out, path, error)) {
+        return false;
+    }
+    if (!scenario_print(scenario, out.file, error)) {
+        output_file_discard(&out);
+        return false;
     }
     return output_file_commit(&out, error);
 }

@@ -368,6 +368,83 @@ static error_t parse_robot_option(int key, char *argument, struct argp_state *st
 const struct argp bus_setup_argp = {.options = option_table, .parser = parse_option};
 const struct argp bus_setup_robot_argp = {.options = robot_table, .parser = parse_robot_option};
 
+/* --- and back ----------------------------------------------------------------------------- */
+
+static void print_drives(const bus_setup_t *setup, int option, FILE *file) {
+    static const char *const sides[2][2] = {{"none", "left"}, {"right", "both"}};
+    switch (option) {
+    case BUS_SETUP_DRIVE:
+        fputs(drive_names[setup->drive], file);
+        break;
+    case BUS_SETUP_INVERT:
+        fputs(sides[setup->sign[BERTH_RIGHT] < 0][setup->sign[BERTH_LEFT] < 0], file);
+        break;
+    case BUS_SETUP_OBSTACLES:
+        fputs(setup->announced ? "bus" : "plan", file);
+        break;
+    default: {
+        char text[NUMBER_TEXT_MAX];
+        number_text(option == BUS_SETUP_GEAR ? setup->gear_ratio : setup->velocity_units_per_rps,
+                    text, sizeof text);
+        fputs(text, file);
+        break;
+    }
+    }
+}
+
+/* Options that are whole numbers. False: it is none of them. */
+static bool whole_number(const bus_setup_t *setup, int option, uint32_t *value) {
+    switch (option) {
+    case BUS_SETUP_LEFT:
+    case BUS_SETUP_RIGHT:
+        *value = setup->node[option - BUS_SETUP_LEFT];
+        return true;
+    case BUS_SETUP_POLE_PAIRS:
+        *value = setup->pole_pairs;
+        return true;
+    case BUS_SETUP_COUNTS:
+        *value = setup->counts_per_turn;
+        return true;
+    case BUS_SETUP_MODE:
+        *value = setup->mode;
+        return true;
+    case BUS_SETUP_MASTER:
+        *value = setup->master;
+        return true;
+    case BUS_SETUP_FEEDBACK_TIMEOUT:
+        *value = setup->feedback_timeout_us / 1000;
+        return true;
+    case BUS_SETUP_HEARTBEAT_TIMEOUT:
+        *value = setup->heartbeat_timeout_us / 1000;
+        return true;
+    case BUS_SETUP_ENABLE_TIMEOUT:
+        *value = setup->enable_timeout_us / 1000;
+        return true;
+    case BUS_SETUP_ADDRESS:
+        *value = setup->address;
+        return true;
+    default:
+        return false;
+    }
+}
+
+void bus_setup_print(const bus_setup_t *setup, FILE *file) {
+    for (int option = BUS_SETUP_DRIVE; option < BUS_SETUP_FIX_PERIOD; option++) {
+        uint32_t value = 0;
+        if (!bus_setup_given(setup, option)) {
+            continue;
+        }
+        fprintf(file, "--%s", option_name(option));
+        if (whole_number(setup, option, &value)) {
+            fprintf(file, "=%u", (unsigned)value);
+        } else if (option != BUS_SETUP_NO_POSITION) {
+            fputc('=', file);
+            print_drives(setup, option, file);
+        }
+        fputc('\n', file);
+    }
+}
+
 /* --- configurations ---------------------------------------------------------------------- */
 
 static const berth_drive_protocol_t *protocol_of(drive_sim_kind_t drive) {

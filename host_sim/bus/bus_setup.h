@@ -74,6 +74,10 @@ extern const struct argp bus_setup_robot_argp;
 /* The defaults. required: as the struct's. */
 void bus_setup_init(bus_setup_t *setup, bool required);
 
+/* Writes the options that were given, one a line ("--drive=odrive"), but for those of the robot's
+ * localisation, which the board knows nothing of. */
+void bus_setup_print(const bus_setup_t *setup, FILE *file);
+
 /* "odrive", "vesc", "cia402". */
 const char *bus_setup_drive_name(drive_sim_kind_t drive);
 
