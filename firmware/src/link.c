@@ -77,6 +77,7 @@ int64_t berth_link_deadline(const berth_link_t *link) {
     if (berth_board_front(link->board) == NULL) {
         return deadline_us;
     }
-    const int64_t retry_us = link->run_us + BERTH_LINK_RETRY_US;
+    const int64_t wait_us = link->failed ? BERTH_LINK_FAILED_US : BERTH_LINK_RETRY_US;
+    const int64_t retry_us = link->run_us + wait_us;
     return retry_us < deadline_us ? retry_us : deadline_us;
 }

@@ -28,6 +28,9 @@
 /* A board in fault is kept going until the drives have let go, so that the stop is heard. */
 #define FAULT_LINGER_US 1000000
 
+/* How long a bus may take to come up before there is no point in waiting. */
+#define BUS_WAIT_US 30000000
+
 enum {
     OPTION_CAN = 0x100,
     OPTION_SET,
@@ -210,7 +213,9 @@ typedef struct {
     status_line_t line;
     realtime_histogram_t late; /* of control steps */
     uint32_t steps_seen;
-    int obeyed;         /* interrupts that have been obeyed */
+    int obeyed; /* interrupts that have been obeyed */
+    bool armed; /* ARM has been commanded */
+    int64_t begin_us;
     int64_t started_us; /* when RUNNING began; -1: not yet */
     int64_t fault_us;   /* when the fault was first seen; -1: none */
     uint8_t fault;
@@ -258,6 +263,15 @@ static void drive_along(session_t *session, int64_t now_us) {
         session->started_us = now_us;
     }
     if (options->remote) {
+        return;
+    }
+    const bool usable =
+        status->bus == BERTH_CAN_ERROR_ACTIVE || status->bus == BERTH_CAN_ERROR_PASSIVE;
+    if (!session->armed) {
+        session->armed = status->steps > 0 && usable && !session->link.failed;
+        if (session->armed) {
+            command(session, BERTH_COMMAND_ARM, now_us);
+        }
         return;
     }
     const double time_s =
@@ -309,7 +323,11 @@ static bool finished(const session_t *session, int64_t now_us) {
         const bool ends = !session->options->remote || session->obeyed > 0;
         return ends && board->released && now_us - session->fault_us >= FAULT_LINGER_US;
     }
-    const bool empty = berth_board_front(board) == NULL;
+    if (!session->options->remote && !session->armed && session->obeyed == 0) {
+        return now_us - session->begin_us > BUS_WAIT_US;
+    }
+    const bool empty =
+        berth_board_front(board) == NULL || berth_board_status(board)->bus == BERTH_CAN_DOWN;
     if (state == BERTH_SUPERVISOR_IDLE && empty) {
         return session->released_idle || session->obeyed > 0;
     }
@@ -460,20 +478,23 @@ static void start(session_t *session, int64_t now_us) {
     const berth_can_t counted = {&counted_api, session};
     berth_link_init(&session->link, &session->host.board, &counted);
     status_line_init(&session->line, session->options->quiet ? NULL : stderr, now_us);
+    session->begin_us = now_us;
     session->started_us = -1;
     session->fault_us = -1;
     if (session->options->priority > 0 || session->options->lock) {
         session->rights = realtime_ask(session->options->priority, session->options->lock);
-    }
-    if (!session->options->remote) {
-        command(session, BERTH_COMMAND_ARM, now_us);
     }
 }
 
 static int run(session_t *session) {
     scenario_error_t error;
     loop(session);
-    bool good = true;
+    bool good = session->armed || session->options->remote || session->obeyed > 0;
+    if (!good) {
+        complain("--can: the bus has not come up in %d s (allowed: an interface that is up, or a "
+                 "peer that answers)",
+                 BUS_WAIT_US / 1000000);
+    }
     if (session->recording && !record_close(&session->record, &error)) {
         complain("%s", error.text);
         good = false;

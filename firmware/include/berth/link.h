@@ -23,8 +23,9 @@ extern "C" {
 #define BERTH_LINK_RECEIVE_MAX 64u
 #endif
 
-/* While frames wait for room, a run is due this soon. */
+/* While frames wait for room, a run is due this soon; while the bus fails, that soon. */
 #define BERTH_LINK_RETRY_US 500
+#define BERTH_LINK_FAILED_US 5000
 
 typedef struct {
     berth_board_t *board;
