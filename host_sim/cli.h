@@ -31,8 +31,9 @@ typedef struct {
     uint64_t seed;
     const char **sets; /* room for every argument */
     size_t set_count;
-    bool bus;          /* `run`: board and robot on the virtual bus */
-    bus_setup_t setup; /* of the drives there */
+    bool bus;           /* `run`: board and robot on the virtual bus */
+    bus_setup_t setup;  /* of the drives there */
+    const char *record; /* `run` on the bus: what the board is told and does; NULL: none */
 } cli_options_t;
 
 /* Keys of long options, beyond those of characters. */
@@ -44,7 +45,8 @@ enum {
     CLI_LOG,
     CLI_STRATEGY,
     CLI_STRATEGIES,
-    CLI_BUS
+    CLI_BUS,
+    CLI_RECORD
 };
 
 /* The rows that run and compare have in their argp tables. */

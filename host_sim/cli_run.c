@@ -1,3 +1,4 @@
+#include "bus/board_host.h"
 #include "bus/bus_report.h"
 #include "cli.h"
 #include "log.h"
@@ -12,6 +13,8 @@ static const struct argp_option option_table[] = {
     {"bus", CLI_BUS, "loop", 0,
      "Put the board and the robot on a virtual CAN bus: frames, drives and odometry between them",
      0},
+    {"record", CLI_RECORD, "FILE", 0,
+     "With --bus loop: write what the board is told and does, for `berth-sim replay'", 0},
     CLI_COMMON_OPTIONS,
     {0},
 };
@@ -29,6 +32,9 @@ static void check_bus(struct argp_state *state, const cli_options_t *options) {
     if (!options->bus && given != NULL) {
         argp_error(state, "--%s is for the bus (allowed: with --bus loop)", given);
     }
+    if (!options->bus && options->record != NULL) {
+        argp_error(state, "--record is for the bus (allowed: with --bus loop)");
+    }
 }
 
 static error_t parse_option(int key, char *argument, struct argp_state *state) {
@@ -44,6 +50,9 @@ static error_t parse_option(int key, char *argument, struct argp_state *state) {
         return 0;
     case CLI_BUS:
         take_bus(argument, state, options);
+        return 0;
+    case CLI_RECORD:
+        options->record = argument;
         return 0;
     case CLI_STRATEGY:
         options->strategies = argument;
@@ -122,14 +131,40 @@ typedef struct {
     session_result_t session; /* on the bus */
 } outcome_t;
 
-static bool run_on_bus(const session_config_t *config, outcome_t *outcome,
-                       scenario_error_t *error) {
-    if (!bus_setup_strategy(config->scenario->avoidance.strategy, error) ||
-        !session_run(config, &outcome->session, error)) {
+/* A record with the set-up in it. */
+static bool open_record(record_t *record, const char *path, const session_config_t *config,
+                        scenario_error_t *error) {
+    const board_recipe_t recipe = {.scenario = *config->scenario, .setup = *config->setup};
+    char *text = board_recipe_text(&recipe, error);
+    if (text == NULL || !record_open(record, path, "loop", error)) {
+        free(text);
         return false;
     }
-    outcome->summary = outcome->session.robot.summary;
+    record_setup(record, text, SESSION_BEGIN_US);
+    free(text);
     return true;
+}
+
+static bool run_on_bus(const cli_options_t *options, session_config_t *config, outcome_t *outcome,
+                       scenario_error_t *error) {
+    record_t record = {.file = NULL};
+    if (!bus_setup_strategy(config->scenario->avoidance.strategy, error)) {
+        return false;
+    }
+    if (options->record != NULL) {
+        if (!open_record(&record, options->record, config, error)) {
+            return false;
+        }
+        config->record = &record;
+    }
+    scenario_error_t at_end;
+    bool good = session_run(config, &outcome->session, error);
+    if (!record_close(&record, &at_end) && good) {
+        *error = at_end;
+        good = false;
+    }
+    outcome->summary = outcome->session.robot.summary;
+    return good;
 }
 
 static int simulate(const cli_options_t *options, const scenario_t *scenario, sinks_t *sinks,
@@ -141,14 +176,14 @@ static int simulate(const cli_options_t *options, const scenario_t *scenario, si
         return CLI_USAGE;
     }
     const run_sink_t sink = {on_row, sinks};
-    const session_config_t session = {
+    session_config_t session = {
         .scenario = scenario,
         .plan = &plan,
         .seed = options->seed,
         .setup = &options->setup,
         .sink = &sink,
     };
-    const bool ok = options->bus ? run_on_bus(&session, outcome, &error)
+    const bool ok = options->bus ? run_on_bus(options, &session, outcome, &error)
                                  : run_scenario(scenario, &plan, options->seed, &sink,
                                                 &outcome->summary, &error);
     run_plan_free(&plan);

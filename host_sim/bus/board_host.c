@@ -150,7 +150,7 @@ bool board_recipe_parse(const char *name, const char *text, board_recipe_t *reci
         words[count++] = word;
     }
     *recipe = (board_recipe_t){.options = {.fix_timeout_ms = 0}};
-    bus_setup_init(&recipe->setup, true);
+    bus_setup_init(&recipe->setup, false);
     const bool good = rest == NULL && parse_options(count, words, recipe);
     free(copy);
     if (!good) {

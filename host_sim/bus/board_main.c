@@ -363,6 +363,24 @@ static void print_drive(const session_t *session, int side) {
            (unsigned)drive->malformed, (unsigned)(drive->saturated + drive->refused));
 }
 
+/* A line for each factor of four, which is enough to see what kind of machine it is. */
+static void print_late(const realtime_histogram_t *late) {
+    printf("control steps late           median %lld us, p99 %lld us, at most %lld us\n",
+           (long long)realtime_histogram_quantile(late, 0.5),
+           (long long)realtime_histogram_quantile(late, 0.99), (long long)late->max_us);
+    uint32_t bin = 0;
+    for (int64_t end_us = 64; bin < REALTIME_BINS; end_us *= 4) {
+        uint64_t count = 0;
+        while (bin < REALTIME_BINS && realtime_bin_low_us(bin) < end_us) {
+            count += late->bins[bin++];
+        }
+        if (count > 0) {
+            printf("  below %8lld us          %llu\n", (long long)end_us,
+                   (unsigned long long)count);
+        }
+    }
+}
+
 static void print_table(session_t *session) {
     const berth_board_status_t *status = berth_board_status(&session->host.board);
     berth_can_state_t bus;
@@ -383,8 +401,7 @@ static void print_table(session_t *session) {
         (unsigned)bus.rx_lost, (unsigned)bus.tx_dropped, (unsigned)bus.error_frames,
         (unsigned)bus.restarts);
     printf("  frames not put             %u\n", (unsigned)session->host.board.outbox.dropped);
-    printf("control steps late, us:\n");
-    realtime_histogram_print(&session->late, stdout);
+    print_late(&session->late);
     if (session->options->priority > 0 || session->options->lock) {
         realtime_rights_print(&session->rights, stdout);
     }
@@ -425,19 +442,8 @@ static bool report(session_t *session) {
 
 static bool load_scenario(options_t *options) {
     scenario_error_t error;
-    scenario_t *scenario = &options->recipe.scenario;
-    if (!scenario_builtin(options->scenario, scenario) &&
-        !scenario_load(options->scenario, scenario, &error)) {
-        complain("%s", error.text);
-        return false;
-    }
-    for (size_t i = 0; i < options->set_count; i++) {
-        if (!scenario_set(scenario, options->sets[i], &error)) {
-            complain("--set: %s", error.text);
-            return false;
-        }
-    }
-    if (!scenario_check(scenario, &error)) {
+    if (!scenario_open(options->scenario, options->sets, options->set_count,
+                       &options->recipe.scenario, &error)) {
         complain("%s", error.text);
         return false;
     }
@@ -450,8 +456,7 @@ static bool open_record(session_t *session, int64_t now_us) {
     const char *channel = strchr(options->can, ':');
     channel = strncmp(options->can, "socketcan:", 10) == 0 ? channel + 1 : "slcan";
     char *text = board_recipe_text(&options->recipe, &error);
-    if (text == NULL ||
-        !record_open(&session->record, options->record, channel, &session->port.can, &error)) {
+    if (text == NULL || !record_open(&session->record, options->record, channel, &error)) {
         complain("%s", error.text);
         free(text);
         return false;
@@ -460,7 +465,7 @@ static bool open_record(session_t *session, int64_t now_us) {
     record_init(&session->record, session->host.board.plan_crc, now_us);
     free(text);
     session->recording = true;
-    session->bus = record_can(&session->record);
+    session->bus = record_can(&session->record, &session->port.can);
     return true;
 }
 

@@ -9,9 +9,8 @@
 /* A record of a board that lost its power is good up to its last second. */
 #define FLUSH_US 1000000
 
-bool record_open(record_t *record, const char *path, const char *channel, const berth_can_t *inner,
-                 scenario_error_t *error) {
-    *record = (record_t){.inner = *inner};
+bool record_open(record_t *record, const char *path, const char *channel, scenario_error_t *error) {
+    *record = (record_t){.file = NULL};
     if (strlen(channel) >= sizeof record->channel || strcspn(channel, " \n") != strlen(channel) ||
         strcmp(channel, RECORD_CHANNEL) == 0) {
         return refuse(error,
@@ -81,7 +80,8 @@ static void state(void *context, berth_can_state_t *out) {
 
 static const berth_can_api_t api = {send, receive, state};
 
-berth_can_t record_can(record_t *record) {
+berth_can_t record_can(record_t *record, const berth_can_t *inner) {
+    record->inner = *inner;
     return (berth_can_t){&api, record};
 }
 

@@ -54,12 +54,12 @@ typedef struct {
     int64_t flush_us; /* when the file is next made safe */
 } record_t;
 
-/* Opens the file (it is replaced) and takes the bus: record_can is the one to hand to the board.
- * False with *error filled, and nothing is left behind. The record must not move while it is used.
- */
-bool record_open(record_t *record, const char *path, const char *channel, const berth_can_t *inner,
-                 scenario_error_t *error);
-berth_can_t record_can(record_t *record);
+/* Opens the file (it is replaced). False with *error filled, and nothing is left behind. */
+bool record_open(record_t *record, const char *path, const char *channel, scenario_error_t *error);
+
+/* The bus to hand to the board in place of this one, which must outlive it. The record must not
+ * move from here on. */
+berth_can_t record_can(record_t *record, const berth_can_t *inner);
 
 /* The events, in the order in which they happen. record_run comes before berth_link_run. */
 void record_setup(record_t *record, const char *text, int64_t now_us);

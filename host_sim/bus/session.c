@@ -66,6 +66,9 @@ static void end_load(session_t *session) {
 /* --- the operator ------------------------------------------------------------------------ */
 
 static void command(session_t *session, berth_command_code_t code, operator_t next) {
+    if (session->config->record != NULL) {
+        record_command(session->config->record, code, session->now_us);
+    }
     berth_board_command(&session->parts.board, code, session->now_us);
     session->operator= next;
     session->since_us = session->now_us;
@@ -170,6 +173,9 @@ static void run(session_t *session) {
     session_parts_t *parts = &session->parts;
     const session_config_t *config = session->config;
     while (session->operator!= OVER) {
+        if (config->record != NULL) {
+            record_run(config->record, session->now_us);
+        }
         berth_link_run(&parts->link, session->now_us);
         serve_robot(parts, session->now_us);
         operate(session);
@@ -233,6 +239,9 @@ static bool make_robot(session_t *session, scenario_error_t *error) {
 static void tell_start(session_t *session) {
     const berth_pose_t pose = bus_robot_pose(session->parts.robot);
     if (session->config->setup->fix_period_us == 0) {
+        if (session->config->record != NULL) {
+            record_pose(session->config->record, &pose, SESSION_BEGIN_US);
+        }
         (void)!berth_board_set_pose(&session->parts.board, &pose, SESSION_BEGIN_US);
     }
 }
@@ -310,11 +319,18 @@ bool session_run(const session_config_t *config, session_result_t *result,
     const bool good =
         make_board(session, error) && make_robot(session, error) && connect(session, error);
     if (good) {
+        if (config->record != NULL) {
+            record_init(config->record, session->parts.board.plan_crc, SESSION_BEGIN_US);
+        }
         tell_start(session);
         if (config->prepare != NULL) {
             config->prepare(config->context, &session->parts);
         }
-        berth_link_init(&session->parts.link, &session->parts.board, &session->parts.can);
+        berth_can_t can = session->parts.can;
+        if (config->record != NULL) {
+            can = record_can(config->record, &session->parts.can);
+        }
+        berth_link_init(&session->parts.link, &session->parts.board, &can);
         run(session);
         fill_result(session);
         result->wall_s = wall_s() - begin_s;

@@ -13,6 +13,7 @@
 #include "berth/link.h"
 #include "bus_setup.h"
 #include "can_loop.h"
+#include "record.h"
 #include "robot.h"
 
 /* Nodes of the bus. */
@@ -39,6 +40,9 @@ typedef struct {
     const bus_setup_t *setup;
     const berth_board_config_t *board; /* NULL: bus_setup_board_config's */
     const run_sink_t *sink;            /* gets the rows; may be NULL */
+    record_t *record; /* open, with the set-up in it: gets what the board is told and does. NULL:
+                         none. Not with a board configuration of one's own, nor with commands of
+                         instant's: it would not tell of them */
 
     /* For tests. Both may be NULL. prepare is called when all is set up and time has not begun: to
      * order faults of drives and frames, observe the bus, attach more nodes, wrap the board's bus.

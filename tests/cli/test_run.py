@@ -247,8 +247,8 @@ def test_the_strategy_option_wins_over_the_scenario():
 # --- exit status -----------------------------------------------------------------------------
 
 BAD_USAGE = [
-    ((), ["no command", "run, compare, campaign"]),
-    (("walk",), ["'walk'", "run, compare, campaign"]),
+    ((), ["no command", "run, compare, campaign, replay"]),
+    (("walk",), ["'walk'", "run, compare, campaign, replay"]),
     (("--verbose",), ["'--verbose'", "allowed"]),
     (("run",), ["SCENARIO is missing", "circle, eight or a YAML file"]),
     (("run", "circel"), ["'circel'", "circle, eight or a YAML file"]),
