@@ -48,12 +48,9 @@ static void advance(reader_t *reader) {
         }
         reader->number++;
     } while (reader->text[0] == '\n');
-    if (!candump_parse(reader->text, &reader->ahead, why)) {
-        /* the last line of a board that lost its power may be half of one */
-        if (strchr(reader->text, '\n') == NULL && reader->number > 1) {
-            reader->ended = true;
-            return;
-        }
+    if (strchr(reader->text, '\n') == NULL) {
+        reader->ended = true; /* the last line of a board that lost its power is half of one */
+    } else if (!candump_parse(reader->text, &reader->ahead, why)) {
         break_off(reader, why);
     }
 }

@@ -18,7 +18,8 @@ from simulator import sim
 BOARD = os.environ["BERTH_BOARD"]
 ROBOT = os.environ["BERTH_ROBOT"]
 # A busy machine may stop either process for a while; that is not what is tested here.
-PATIENT = ["--feedback-timeout", "5000", "--heartbeat-timeout", "8000", "--set", "duration_s=4"]
+PATIENT = ["--feedback-timeout", "5000", "--heartbeat-timeout", "3000", "--enable-timeout", "30000",
+           "--set", "duration_s=4"]
 
 
 def start(program, path, drive, *arguments):
@@ -95,7 +96,8 @@ def test_no_drives_is_a_fault_that_says_which(tmp_path):
 
 
 @pytest.mark.parametrize("arguments, problem", [
-    ([], "--can is missing"),
+    ([], "--drive is missing"),
+    (["--drive", "odrive", "--left", "1", "--right", "2", "circle"], "--can is missing"),
     (["--can", "socketcan:vcan0", "circle"], "--drive is missing"),
     (["--can", "socketcan:vcan0", "--drive", "odrive", "--left", "1", "circle"], "--right is missing"),
     (["--can", "x", "--drive", "odrive", "--left", "1", "--right", "2", "circle"], "socketcan:"),

@@ -162,7 +162,7 @@ def test_another_reference_is_noticed(tmp_path):
     path = tmp_path / "run.log"
     record(path, scenario=scene)
     assert replay(path)["same"] is True
-    csv.write_text("\n".join(rows).replace("0.06,0,0,0.2,0", "0.061,0,0,0.2,0") + "\n")
+    csv.write_text("\n".join(rows).replace(",0.06,0,0,0.2,0", ",0.0601,0,0,0.2,0") + "\n")
     result = sim("replay", path)
     assert result.returncode == 2 and "the plan is not the one" in result.stderr
     csv.unlink()
