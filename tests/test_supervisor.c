@@ -128,7 +128,7 @@ typedef struct {
 #define READY (IN(BERTH_SUPERVISOR_ARMED) | IN(BERTH_SUPERVISOR_RUNNING))
 
 static const trouble_t troubles[] = {
-    {"problem", BERTH_FAULT_LEFT + BERTH_DRIVE_FAULT_DEVICE, TORQUE},
+    {"problem", (int)BERTH_FAULT_LEFT + BERTH_DRIVE_FAULT_DEVICE, TORQUE},
     {"late", BERTH_FAULT_PERIOD, TORQUE},
     {"transmit", BERTH_FAULT_TRANSMIT, TORQUE},
     {"no pose", BERTH_FAULT_POSE_UNKNOWN, READY},
@@ -300,7 +300,7 @@ static void test_texts(void) {
                              berth_fault_text(BERTH_FAULT_OBSTACLES));
     TEST_ASSERT_EQUAL_STRING("?", berth_fault_text(BERTH_FAULT_OBSTACLES + 1));
     TEST_ASSERT_EQUAL_STRING("no speed feedback in time",
-                             berth_fault_text(BERTH_FAULT_RIGHT + BERTH_DRIVE_FAULT_FEEDBACK));
+                             berth_fault_text((int)BERTH_FAULT_RIGHT + BERTH_DRIVE_FAULT_FEEDBACK));
     TEST_ASSERT_EQUAL_STRING("right drive: ", berth_fault_side_text(BERTH_FAULT_RIGHT + 1));
     TEST_ASSERT_EQUAL_STRING("left drive: ", berth_fault_side_text(BERTH_FAULT_LEFT + 1));
     TEST_ASSERT_EQUAL_STRING("", berth_fault_side_text(BERTH_FAULT_PERIOD));
