@@ -255,34 +255,33 @@ static void command(session_t *session, berth_command_code_t code, int64_t now_u
     berth_board_command(&session->host.board, code, now_us);
 }
 
-/* Arms, starts and stops by itself unless it is told to leave that to the bus. */
-static void drive_along(session_t *session, int64_t now_us) {
-    const options_t *options = session->options;
+/* As soon as the bus can be used. */
+static void arm(session_t *session, int64_t now_us) {
     const berth_board_status_t *status = berth_board_status(&session->host.board);
-    if (status->state == BERTH_SUPERVISOR_RUNNING && session->started_us < 0) {
-        session->started_us = now_us;
-    }
-    if (options->remote) {
-        return;
-    }
     const bool usable =
         status->bus == BERTH_CAN_ERROR_ACTIVE || status->bus == BERTH_CAN_ERROR_PASSIVE;
-    if (!session->armed) {
-        session->armed = status->steps > 0 && usable && !session->link.failed;
-        if (session->armed) {
-            command(session, BERTH_COMMAND_ARM, now_us);
-        }
-        return;
+    session->armed = status->steps > 0 && usable && !session->link.failed;
+    if (session->armed) {
+        command(session, BERTH_COMMAND_ARM, now_us);
     }
+}
+
+/* Arms, starts and stops by itself. */
+static void drive_along(session_t *session, int64_t now_us) {
+    const options_t *options = session->options;
+    const berth_supervisor_state_t state = berth_board_status(&session->host.board)->state;
+    const bool started = session->started_us >= 0;
     const double time_s =
         options->time_s > 0.0 ? options->time_s : options->recipe.scenario.duration_s;
-    if (status->state == BERTH_SUPERVISOR_ARMED && session->started_us < 0) {
+    if (!session->armed) {
+        arm(session, now_us);
+    } else if (state == BERTH_SUPERVISOR_ARMED && !started) {
         command(session, BERTH_COMMAND_START, now_us);
         session->started_us = now_us;
-    } else if (status->state == BERTH_SUPERVISOR_RUNNING &&
+    } else if (state == BERTH_SUPERVISOR_RUNNING &&
                now_us - session->started_us >= (int64_t)(1.0e6 * time_s)) {
         command(session, BERTH_COMMAND_STOP, now_us);
-    } else if (status->state == BERTH_SUPERVISOR_IDLE && session->started_us >= 0) {
+    } else if (state == BERTH_SUPERVISOR_IDLE && started) {
         session->released_idle = true;
     }
 }
@@ -339,7 +338,9 @@ static void loop(session_t *session) {
     while (!finished(session, now_us)) {
         now_us = session->clock.api->now_us(session->clock.context);
         obey_interrupts(session, now_us);
-        drive_along(session, now_us);
+        if (!session->options->remote) {
+            drive_along(session, now_us);
+        }
         const int64_t due_us = session->host.board.tick_us;
         if (session->recording) {
             record_run(&session->record, now_us);
