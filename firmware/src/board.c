@@ -2,6 +2,7 @@
 
 #include "board_parts.h"
 #include "check.h"
+#include "small.h"
 
 #include <math.h>
 
@@ -538,7 +539,7 @@ static void note_time(berth_board_t *board, int64_t late_us) {
     status->missed += (uint32_t)(missed < room ? missed : room);
 }
 
-static void tick(berth_board_t *board, int64_t now_us) {
+SMALL static void tick(berth_board_t *board, int64_t now_us) {
     const int64_t late_us = now_us - board->tick_us;
     note_time(board, late_us);
     advance_odometry(board, now_us);

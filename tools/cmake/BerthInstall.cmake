@@ -6,7 +6,7 @@ install(TARGETS berth berth_hal EXPORT berth ARCHIVE DESTINATION ${CMAKE_INSTALL
 install(DIRECTORY firmware/include/berth hal/include/berth_hal DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
     FILES_MATCHING PATTERN "*.h")
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/licenses/berth)
-foreach(program berth-sim berth-gen)
+foreach(program berth-sim berth-gen berth-board berth-robot)
     if(TARGET ${program})
         install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
     endif()
