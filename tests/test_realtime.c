@@ -279,6 +279,23 @@ static void test_adapter_stamps(void) {
     }
 }
 
+/* How far before the kernel an adapter's stamp may lie until its clock is taken to have jumped. */
+static void test_adapter_jumps(void) {
+    static const int64_t starts_us[] = {-1000000, 0, 1000000};
+    for (size_t i = 0; i < sizeof starts_us / sizeof starts_us[0]; i++) {
+        stamp_map_t map = {0};
+        const int64_t start_us = starts_us[i];
+        TEST_ASSERT_EQUAL_INT64(5000000, stamp_from_adapter(&map, start_us, 5000000));
+        /* 1 ms on the adapter, 51 ms here: held up on the way. */
+        TEST_ASSERT_INT64_WITHIN(10, 5001000, stamp_from_adapter(&map, start_us + 1000, 5051000));
+        /* 1 ms more there, 10 s here: another clock. */
+        TEST_ASSERT_EQUAL_INT64(15000000, stamp_from_adapter(&map, start_us + 2000, 15000000));
+        TEST_ASSERT_EQUAL_INT64(15001000, stamp_from_adapter(&map, start_us + 3000, 15001000));
+        TEST_ASSERT_EQUAL_INT64(15052001,
+                                stamp_from_adapter(&map, start_us + 3000 + 900, 15052001));
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_bins_join_without_gaps);
@@ -292,5 +309,6 @@ int main(void) {
     RUN_TEST(test_rights_are_granted_or_refused_with_a_reason);
     RUN_TEST(test_wall_stamps);
     RUN_TEST(test_adapter_stamps);
+    RUN_TEST(test_adapter_jumps);
     return UNITY_END();
 }
