@@ -23,6 +23,7 @@ NEEDED = {
     "modprobe": "kmod",
     "ip": "iproute2",
     "udevadm": "udev",
+    "file": "file",
 }
 MODULES = ("can", "can_raw", "vcan")
 # Of no use on another machine, or harmful.
