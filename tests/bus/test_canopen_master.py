@@ -68,11 +68,17 @@ def object_dictionary():
     return dictionary
 
 
-def wait_until(condition, timeout=5.0):
+def wait_until(condition, timeout=20.0):
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline, "it does not come to pass"
         time.sleep(0.005)
+
+
+def emergency(node, code):
+    """An emergency message that has come or comes; emcy.wait may begin too late."""
+    wait_until(lambda: code in [entry.code for entry in node.emcy.log])
+    return next(entry for entry in node.emcy.log if entry.code == code)
 
 
 @pytest.fixture
@@ -102,8 +108,10 @@ def node(network):
     node.TIMEOUT_SWITCH_OP_MODE = 5.0
     node.sdo.RESPONSE_TIMEOUT = 2.0
     network.add_node(node)
+    told = []
+    node.nmt.add_heartbeat_callback(told.append)
     node.nmt.state = "RESET"
-    node.nmt.wait_for_bootup(10)
+    wait_until(lambda: 0 in told)  # the boot-up message; wait_for_bootup may begin too late
     # That may have been the message of the boot before. Past NOT READY TO SWITCH ON, too.
     wait_until(lambda: is_switch_on_disabled(node), timeout=20.0)
     return node
@@ -220,8 +228,7 @@ def test_fault_and_its_reset(node, network, drive):
     node.rpdo[1][0x60FF].raw = round(5.0 * UNITS)
     wait_until(lambda: drive.status()["speed"] > 4.0)
     drive.fail(0x2310)
-    emergency = node.emcy.wait(0x2310, 5)
-    assert emergency is not None and emergency.register == 0x03
+    assert emergency(node, 0x2310).register == 0x03
     wait_until(lambda: node.state == "FAULT")
     wait_until(lambda: drive.status()["enabled"] == 0)
     assert node.sdo[0x603F].raw == 0x2310
@@ -244,7 +251,7 @@ def test_drive_stops_when_the_master_falls_silent(node, network, drive):
     time.sleep(1.0)
     assert drive.status()["stops"] == 0
     heartbeat.stop()
-    assert node.emcy.wait(0x8130, 5) is not None
+    emergency(node, 0x8130)
     wait_until(lambda: drive.status()["enabled"] == 0)
     assert drive.status()["target"] == 0.0
     assert drive.status()["stops"] == 1
