@@ -194,7 +194,7 @@ def test_a_fault_is_told_by_emcy_and_reset(peer, master):
 def test_the_masters_heartbeat_is_watched(option, expected, peer, master, network):
     drive = peer.drives[1]
     master.sdo[0x6007].raw = option
-    master.sdo[0x1016][1].raw = MASTER << 16 | 500
+    master.sdo[0x1016][1].raw = MASTER << 16 | 2000
     operate(master)
     for _ in range(8):
         network.send_message(0x700 + MASTER, b"\x05")

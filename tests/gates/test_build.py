@@ -28,3 +28,17 @@ def test_every_python_test_is_registered():
     ]
     # Compares several builds, so tools/test runs it after them.
     assert forgotten == ["tests/cross/test_same_bits.py"]
+
+
+def test_bus_tests_are_just_those_that_need_real_interfaces():
+    """The label keeps a test out of all runs but the one on real interfaces."""
+    listing = json.loads(run("ctest", "--test-dir", BUILD, "--show-only=json-v1"))
+    labels, environments = {}, {}
+    for test in listing["tests"]:
+        properties = {entry["name"]: entry["value"] for entry in test["properties"]}
+        labels[test["name"]] = properties.get("LABELS", [])
+        environments[test["name"]] = properties.get("ENVIRONMENT", [])
+    bus = {name for name, value in labels.items() if "bus" in value}
+    assert bus == {name for name, value in environments.items() if "BERTH_VCAN=vcan0" in value}
+    assert {name for name in bus if labels[name] != ["bus"]} == set()
+    assert "bus_vcan" in bus

@@ -236,6 +236,13 @@ def buses_of(plan):
     return max((int(value) for key, value in pairs if key == "BERTH_VCAN_BUSES"), default=1)
 
 
+def reason(output):
+    """The line that tells most: pytest's first error, Unity's first failure, or the last."""
+    lines = output.strip().splitlines() or ["?"]
+    telling = [line for line in lines if line.startswith("E  ") or ":FAIL" in line]
+    return (telling or lines[-1:])[0].strip()
+
+
 def run_outside(plan, junit):
     """Runs the plan where there are interfaces, and accounts for all of it. True when all passed."""
     build = ROOT / "build"
@@ -264,8 +271,7 @@ def run_outside(plan, junit):
     write_junit(junit, cases)
     failed = [case for case in cases if case["outcome"] == "failed"]
     for case in failed:
-        last = (case["output"].strip().splitlines() or ["?"])[-1]
-        print(f"FAILED {case['name']}: {last}")
+        print(f"FAILED {case['name']}: {reason(case['output'])}")
     return not failed
 
 
