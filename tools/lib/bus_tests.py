@@ -26,6 +26,7 @@ BOOT_S = 600
 LONGEST_S = 3600
 # Shown in the failure of each test that was planned but has no result.
 NOT_RUN = "no result: the bus tests ended before it, see the log"
+UNITY = re.compile(r"^\d+ Tests \d+ Failures \d+ Ignored", re.MULTILINE)
 XML_REFUSES = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd]")
 
 
@@ -85,7 +86,9 @@ class Results:
 
 
 def show(entry):
-    print(f"{entry['outcome']:7} {entry['seconds']:7.2f} s  {entry['name']}", flush=True)
+    within = UNITY.findall(entry["output"])
+    detail = f": {within[-1]}" if within else ""
+    print(f"{entry['outcome']:7} {entry['seconds']:7.2f} s  {entry['name']}{detail}", flush=True)
     if entry["outcome"] == "failed":
         print("\n".join("    " + line for line in entry["output"].splitlines()), flush=True)
 
