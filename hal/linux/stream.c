@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
@@ -186,6 +187,25 @@ static bool open_kind(stream_t *stream, char *error, size_t error_size) {
     return open_socket(stream, &status) || fail(error, error_size, stream->path, strerror(errno));
 }
 
+/* Processes that open the same path look and act one after the other: the folder is locked
+ * meanwhile, for microseconds. -1: it cannot be, and there is no such protection. */
+static int lock_folder(const char *path) {
+    char folder[STREAM_PATH_MAX + 1u];
+    (void)snprintf(folder, sizeof folder, "%s", path);
+    char *end = strrchr(folder, '/');
+    if (end == folder) {
+        end++;
+    }
+    if (end != NULL) {
+        *end = '\0';
+    }
+    const int fd = open(end != NULL ? folder : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd >= 0) {
+        (void)flock(fd, LOCK_EX);
+    }
+    return fd;
+}
+
 bool stream_open(stream_t *stream, const char *path, char *error, size_t error_size) {
     *stream = (stream_t){.fd = -1, .listener = -1};
     const size_t length = strlen(path);
@@ -198,11 +218,13 @@ bool stream_open(stream_t *stream, const char *path, char *error, size_t error_s
         return false;
     }
     memcpy(stream->path, path, length + 1u);
-    if (!open_kind(stream, error, error_size)) {
+    int lock = lock_folder(path);
+    const bool good = open_kind(stream, error, error_size);
+    close_quietly(&lock);
+    if (!good) {
         stream->kind = STREAM_CLOSED;
-        return false;
     }
-    return true;
+    return good;
 }
 
 /* ---- In use ------------------------------------------------------------------------------------

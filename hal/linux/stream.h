@@ -9,8 +9,10 @@
  * is made there. It takes one peer at a time, and the next one after a loss. Removed by
  * stream_close.
  *
- * Nothing blocks. While there is no peer, read and write answer FAILED; a lost peer is looked for
- * in them, at most every 100 ms. A socket's send queue is kept short (some 40 frames). One context.
+ * Nothing blocks, but stream_open for the moment in which another process opens a stream in the
+ * same folder: they lock it, so that two that start at once agree on who listens. While there is no
+ * peer, read and write answer FAILED; a lost peer is looked for in them, at most every 100 ms. A
+ * socket's send queue is kept short (some 40 frames). One context.
  */
 #ifndef BERTH_HAL_STREAM_H
 #define BERTH_HAL_STREAM_H
