@@ -18,27 +18,29 @@
  * Send. DONE: the kernel has queued it. AGAIN: its queue is full (ENOBUFS, EAGAIN), or
  * SOCKETCAN_IN_FLIGHT_MAX frames wait for their confirmation. The socket receives its own frames
  * back when they have gone out, and counts them; they are never handed out. A frame that is not
- * confirmed within a second, or not before the interface goes down, is counted in tx_dropped. The
+ * confirmed within a second, or not before the bus goes off or down, is counted in tx_dropped. The
  * confirmation passes the kernel's filter as well: an id that is sent for the first time is added
  * to it, up to SOCKETCAN_SENT_IDS_MAX of them; frames with yet others are sent, but not tracked.
  * Frames of other nodes with an id that is ours to send are counted (statistics.foreign) and not
- * handed out.
+ * handed out. What the kernel has queued goes out when the bus can take it again, old as it is:
+ * keep its queue short (`ip link set can0 txqueuelen 10`, the default of real interfaces).
  *
  * Down. ENETDOWN, ENODEV, ENXIO and whatever else the socket fails with: FAILED, mode DOWN. send,
  * receive and state look for the interface by its name, every 50 ms at most, and open a new socket
  * when it is there and up, even if it was deleted and made again: one restart is counted.
  *
  * Bus-off. Told by an error frame. send and receive answer FAILED. It is left
- *   - when the controller tells that it was restarted (by `restart-ms` of the interface, by
+ *  - when the controller tells that it was restarted (by `restart-ms` of the interface, by
  * somebody's `ip link set can0 type can restart`, or at our request);
- *   - at our request: the interface is asked for a restart 100 ms after bus-off and then once a
- * second (needs CAP_NET_ADMIN). Where restart-ms is set, or rights are missing, the kernel refuses,
+ *  - at our request: the interface is asked for a restart 100 ms after bus-off, then once a second
+ *    (needs CAP_NET_ADMIN). Where restart-ms is set, or rights are missing, the kernel refuses,
  * which statistics.restart_errno tells;
- *   - when a frame comes in from the bus 500 ms or more after the report: a controller that is off
- *     receives nothing, so the report is out of date. This is the only way out for interfaces
- * without restart (vcan, where bus-off is a rehearsal). Frames that come in before are dropped and
- *     counted: they may have been in the queue when the bus went off;
- *   - when the interface goes down and up.
+ *  - when a frame comes in from the bus 500 ms or more after the report: a controller that is off
+ *    receives nothing, so the report is out of date. For interfaces without restart (vcan, where
+ *    bus-off is a rehearsal) only this and socketcan_restart help. Frames that come in before are
+ *    dropped and counted: they may have been in the queue when the bus went off;
+ *  - when the interface goes down and up.
+ *
  * Whoever drives something latches the fault (the board's supervisor does): that the bus is back
  * must not start a motor.
  *

@@ -2,12 +2,12 @@
  *
  * What is at the path when it is opened decides, once:
  *
- *   a character device   must be a tty. Raw mode, 8 bits, no flow control, its speed as it is (set
- * it before, with stty). Unplugged or hung up, it is opened again when it returns. a socket is
- * connected to, and again after a loss. A socket that nobody listens on any more, left behind by a
- * process that died, is replaced as if nothing was there. nothing              a listening socket
- * is made there. It takes one peer at a time, and the next one after a loss. Removed by
- * stream_close.
+ *  - a character device must be a tty. Raw mode, 8 bits, no flow control, its speed as it is (set
+ * it before, with stty). Unplugged or hung up, it is opened again when it returns.
+ *  - a socket is connected to, and again after a loss. One that nobody listens on any more, left
+ *    behind by a process that died, is replaced as if nothing was there.
+ *  - nothing: a listening socket is made there. It takes one peer at a time, and the next one after
+ *    a loss. Removed by stream_close.
  *
  * Nothing blocks, but stream_open for the moment in which another process opens a stream in the
  * same folder: they lock it, so that two that start at once agree on who listens. While there is no
