@@ -615,6 +615,23 @@ static void test_the_run_ends_when_nothing_is_heard(void) {
                           result()->summary.steps);
 }
 
+/* A status that another has overtaken tells what was. */
+static void test_a_status_from_before_is_not_heard(void) {
+    circle();
+    create();
+    run_until(BEGIN_US + 100000);
+    status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 0);
+    const berth_message_status_t message = {.state = BERTH_SUPERVISOR_ARMED, .clearance_m = -1.0f};
+    berth_can_frame_t frame;
+    berth_message_encode_status(&frame, ADDRESS, &message);
+    frame.time_us = now_us - 1;
+    bus_robot_receive(robot, &frame);
+    TEST_ASSERT_EQUAL_INT(BUS_ROBOT_RUNNING, result()->phase);
+    frame.time_us = now_us;
+    bus_robot_receive(robot, &frame);
+    TEST_ASSERT_EQUAL_INT(BUS_ROBOT_LEFT, result()->phase);
+}
+
 static void test_a_run_begun_long_ago_is_none(void) {
     circle();
     create();
@@ -866,6 +883,7 @@ int main(void) {
     RUN_TEST(test_a_board_that_stops_at_the_end_has_done_it_all);
     RUN_TEST(test_filters_let_through_what_is_heard);
     RUN_TEST(test_the_run_ends_when_nothing_is_heard);
+    RUN_TEST(test_a_status_from_before_is_not_heard);
     RUN_TEST(test_a_run_begun_long_ago_is_none);
     RUN_TEST(test_collisions_are_counted_by_the_true_robot);
     RUN_TEST(test_clearance_counts_outside_the_run_too);

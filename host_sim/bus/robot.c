@@ -401,7 +401,9 @@ void bus_robot_receive(bus_robot_t *robot, const berth_can_frame_t *frame) {
         (void)drive_sim_receive(robot->drives[side], frame, at_us);
     }
     take_targets(robot);
-    hear_board(robot, frame, at_us);
+    if (frame->time_us >= robot->result.status_us) { /* else overtaken on its way */
+        hear_board(robot, frame, at_us);
+    }
 }
 
 /* --- what it listens to ------------------------------------------------------------------- */
