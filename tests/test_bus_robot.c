@@ -615,6 +615,32 @@ static void test_the_run_ends_when_nothing_is_heard(void) {
                           result()->summary.steps);
 }
 
+/* The first status was 30 ms late: the next ones tell when the reference really began. */
+static void test_the_reference_is_aligned_by_the_punctual_statuses(void) {
+    circle();
+    scenario.duration_s = 0.5;
+    create();
+    enable();
+    now_us += 30000;
+    bus_robot_step(robot, now_us);
+    status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 0);
+    TEST_ASSERT_EQUAL_INT64(BEGIN_US + 30000, result()->run_us);
+    run_until(BEGIN_US + PERIOD_US); /* 20 ms into what is taken for the first period */
+    status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, 1);
+    TEST_ASSERT_EQUAL_INT64(BEGIN_US, result()->run_us);
+    run_until(BEGIN_US + PERIOD_US + 1);
+    TEST_ASSERT_EQUAL_size_t(1, row_count); /* it ended there and then */
+    for (uint32_t k = 2; k < 10; k++) {
+        run_until(BEGIN_US + k * PERIOD_US + 2000 * (k % 3)); /* late again: no matter */
+        status(BERTH_SUPERVISOR_RUNNING, BERTH_MODE_TRACK, 0, k);
+        TEST_ASSERT_EQUAL_INT64(BEGIN_US, result()->run_us);
+        TEST_ASSERT_EQUAL_size_t(k, row_count);
+    }
+    run_until(BEGIN_US + 10 * PERIOD_US + 1);
+    TEST_ASSERT_EQUAL_INT(BUS_ROBOT_DONE, result()->phase);
+    TEST_ASSERT_EQUAL_INT(10, result()->summary.steps);
+}
+
 /* A status that another has overtaken tells what was. */
 static void test_a_status_from_before_is_not_heard(void) {
     circle();
@@ -883,6 +909,7 @@ int main(void) {
     RUN_TEST(test_a_board_that_stops_at_the_end_has_done_it_all);
     RUN_TEST(test_filters_let_through_what_is_heard);
     RUN_TEST(test_the_run_ends_when_nothing_is_heard);
+    RUN_TEST(test_the_reference_is_aligned_by_the_punctual_statuses);
     RUN_TEST(test_a_status_from_before_is_not_heard);
     RUN_TEST(test_a_run_begun_long_ago_is_none);
     RUN_TEST(test_collisions_are_counted_by_the_true_robot);

@@ -101,6 +101,12 @@ static void finish(bus_robot_t *robot, bus_robot_phase_t phase) {
     }
 }
 
+static void set_period_end(bus_robot_t *robot, long number) {
+    const int64_t end_us =
+        robot->result.run_us + (int64_t)(number + 1) * robot->config.plan->period_us;
+    robot->period_end_us = end_us > robot->now_us ? end_us : robot->now_us + 1;
+}
+
 static void end_period(bus_robot_t *robot) {
     const strategy_output_t output = {robot->v_cmd_mps, robot->omega_cmd_radps, robot->mode};
     const run_sink_t *sink = robot->config.sink;
@@ -113,7 +119,7 @@ static void end_period(bus_robot_t *robot) {
         finish(robot, BUS_ROBOT_DONE);
         return;
     }
-    robot->period_end_us += robot->config.plan->period_us;
+    set_period_end(robot, next);
     run_meter_row(&robot->meter, &robot->plant, next, &robot->row);
 }
 
@@ -247,7 +253,20 @@ static void begin_run(bus_robot_t *robot, uint32_t total, int64_t at_us) {
     result->phase = BUS_ROBOT_RUNNING;
     run_meter_begin(&robot->meter, robot->config.scenario, robot->config.plan, &result->summary);
     run_meter_row(&robot->meter, &robot->plant, (long)total, &robot->row);
-    robot->period_end_us = at_us + period_us;
+    set_period_end(robot, (long)total);
+}
+
+/* Of two statuses the one that was less late tells better when the reference began: the periods
+ * from here on end so much earlier. */
+static void align(bus_robot_t *robot, uint32_t total, int64_t at_us) {
+    bus_robot_result_t *result = &robot->result;
+    const int64_t begin_us = at_us - (int64_t)total * robot->config.plan->period_us;
+    const int64_t late_us = result->run_us - begin_us;
+    if (late_us <= 0 || late_us >= robot->config.plan->period_us) {
+        return; /* a whole period: not lateness, but a board that skipped some */
+    }
+    result->run_us = begin_us;
+    set_period_end(robot, robot->meter.number);
 }
 
 /* A board that stops by itself after the scenario's periods says so about when the last one ends
@@ -270,6 +289,8 @@ static void hear_status(bus_robot_t *robot, const berth_message_status_t *status
     robot->mode = status->mode < RUN_MODES ? (berth_mode_t)status->mode : BERTH_MODE_BLOCKED;
     if (result->phase == BUS_ROBOT_WAITING && status->state == BERTH_SUPERVISOR_RUNNING) {
         begin_run(robot, status->total, at_us);
+    } else if (running(robot) && status->state == BERTH_SUPERVISOR_RUNNING) {
+        align(robot, status->total, at_us);
     } else if (status->state != BERTH_SUPERVISOR_RUNNING) {
         leave_run(robot, status->fault, at_us);
     }

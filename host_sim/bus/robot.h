@@ -7,9 +7,10 @@
  * holds no torque runs out.
  *
  * The run begins when the board first says RUNNING. The time that its sample count stands for is
- * the zero of the reference; each period from then on is a row, with the true pose at its start,
- * the command that the wheels had at its end, and the mode last told. It ends after the scenario's
- * periods, or when the board leaves RUNNING, or when no status comes any more.
+ * the zero of the reference, and is put right by later statuses that come less late; each period
+ * from then on is a row, with the true pose at its start, the command that the wheels had at its
+ * end, and the mode last told. It ends after the scenario's periods, or when the board leaves
+ * RUNNING, or when no status comes any more.
  */
 #ifndef HOST_SIM_BUS_ROBOT_H
 #define HOST_SIM_BUS_ROBOT_H

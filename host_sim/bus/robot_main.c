@@ -49,9 +49,10 @@ typedef struct {
     can_port_t *port;
     realtime_t timer;
     int64_t begin_us, timeout_us;
-    int64_t ended_us;          /* when the run was over; -1: not yet */
-    unsigned long failures;    /* calls of the bus that answered FAILED */
-    unsigned long undelivered; /* frames of the run for which the bus was down */
+    int64_t ended_us;           /* when the run was over; -1: not yet */
+    unsigned long failures;     /* calls of the bus that answered FAILED */
+    unsigned long undelivered;  /* frames of the run for which the bus was down */
+    unsigned long long dropped; /* until the run's end: then the board may go away */
     why_t why;
 } loop_t;
 
@@ -89,10 +90,19 @@ static bool transmit(loop_t *loop) {
     return false;
 }
 
+/* Frames that were not sent, or came and were not fetched, so far. */
+static unsigned long long count_dropped(const loop_t *loop, const bus_robot_result_t *result) {
+    berth_can_state_t state;
+    loop->port->can.api->state(loop->port->can.context, &state);
+    return (unsigned long long)state.rx_lost + state.tx_dropped + loop->undelivered + result->lost +
+           result->drives[0].overruns + result->drives[1].overruns;
+}
+
 /* A run that is over is watched until all stands, so that a collision on the way is seen. */
 static bool lingers(loop_t *loop, const bus_robot_result_t *result, int64_t now_us) {
     if (loop->ended_us < 0) {
         loop->ended_us = now_us;
+        loop->dropped = count_dropped(loop, result);
     }
     const bool stands =
         fabs(result->speed_mps) < STANDING_MPS &&
@@ -131,16 +141,12 @@ static void run_loop(loop_t *loop) {
         now_us = clock.api->now_us(clock.context);
     }
     bus_robot_end(loop->robot);
+    if (loop->ended_us < 0) {
+        loop->dropped = count_dropped(loop, bus_robot_result(loop->robot));
+    }
 }
 
 /* --- what it came to --------------------------------------------------------------------- */
-
-static unsigned long long dropped(const loop_t *loop, const bus_robot_result_t *result) {
-    berth_can_state_t state;
-    loop->port->can.api->state(loop->port->can.context, &state);
-    return (unsigned long long)state.rx_lost + state.tx_dropped + loop->undelivered + result->lost +
-           result->drives[0].overruns + result->drives[1].overruns;
-}
 
 static json_t *can_json(const loop_t *loop) {
     berth_can_state_t state;
@@ -164,7 +170,7 @@ static bool print_json(const robot_options_t *options, const loop_t *loop) {
     json_t *document = summary_json(&result->summary);
     json_t *bus = bus_report_robot_json(&options->setup, result);
     if (document == NULL || bus == NULL ||
-        json_object_set_new(bus, "dropped", json_integer((json_int_t)dropped(loop, result))) != 0 ||
+        json_object_set_new(bus, "dropped", json_integer((json_int_t)loop->dropped)) != 0 ||
         json_object_set_new(bus, "can", can_json(loop)) != 0 ||
         json_object_set_new(bus, "timing", timing_json(&loop->timer)) != 0) {
         json_decref(document);
@@ -186,7 +192,7 @@ static bool print_table(const robot_options_t *options, const scenario_t *scenar
            (unsigned long long)options->seed, result->summary.steps, scenario->period_s);
     summary_print_table(stdout, &column, 1);
     bus_report_print_robot(stdout, &options->setup, result);
-    printf("%-28s%14llu\n", "frames dropped", dropped(loop, result));
+    printf("%-28s%14llu\n", "frames dropped", loop->dropped);
     printf("%-28s%14lu\n", "calls that failed", loop->failures);
     realtime_print(&loop->timer, stdout);
     return fflush(stdout) == 0;
