@@ -27,6 +27,7 @@
 
 /* A board in fault is kept going until the drives have let go, so that the stop is heard. */
 #define FAULT_LINGER_US 1000000
+#define FAULT_TEXT_SIZE 128
 
 /* How long a bus may take to come up before there is no point in waiting. */
 #define BUS_WAIT_US 30000000
@@ -219,6 +220,7 @@ typedef struct {
     int64_t started_us; /* when RUNNING began; -1: not yet */
     int64_t fault_us;   /* when the fault was first seen; -1: none */
     uint8_t fault;
+    uint32_t fault_code;
     bool released_idle; /* IDLE again after a run */
 } session_t;
 
@@ -303,15 +305,36 @@ static void note_steps(session_t *session, int64_t now_us, int64_t due_us) {
     }
 }
 
+/* What the faulty drive itself tells: an error, abort or emergency code. 0 for other faults. */
+static uint32_t fault_code(const session_t *session, uint8_t fault) {
+    if (fault < BERTH_FAULT_LEFT) {
+        return 0;
+    }
+    const int side = fault < BERTH_FAULT_RIGHT ? BERTH_LEFT : BERTH_RIGHT;
+    return berth_board_drive(&session->host.board, side)->code;
+}
+
+static void describe_fault(const session_t *session, char *text, size_t size) {
+    const uint8_t fault = session->fault;
+    char code[32] = "";
+    if (session->fault_code != 0) {
+        (void)snprintf(code, sizeof code, " (code 0x%X)", (unsigned)session->fault_code);
+    }
+    (void)snprintf(text, size, "%s%s%s", berth_fault_side_text(fault), berth_fault_text(fault),
+                   code);
+}
+
 /* A fault stays on the screen and in the exit status even if a reset from the bus leaves it. */
 static void note_fault(session_t *session, int64_t now_us) {
     const berth_board_status_t *status = berth_board_status(&session->host.board);
     if (status->fault != BERTH_FAULT_NONE && session->fault != status->fault) {
         session->fault = status->fault;
+        session->fault_code = fault_code(session, status->fault);
         session->fault_us = now_us;
         status_line_end(&session->line);
-        complain("fault: %s%s", berth_fault_side_text(status->fault),
-                 berth_fault_text(status->fault));
+        char text[FAULT_TEXT_SIZE];
+        describe_fault(session, text, sizeof text);
+        complain("fault: %s", text);
     }
 }
 
@@ -389,7 +412,9 @@ static void print_table(session_t *session) {
     printf("%s: %s", session->options->recipe.scenario.name,
            session->fault == BERTH_FAULT_NONE ? "done" : "stopped by a fault: ");
     if (session->fault != BERTH_FAULT_NONE) {
-        printf("%s%s", berth_fault_side_text(session->fault), berth_fault_text(session->fault));
+        char text[FAULT_TEXT_SIZE];
+        describe_fault(session, text, sizeof text);
+        printf("%s", text);
     }
     printf("\n  control steps              %u, %u periods missed\n", (unsigned)status->steps,
            (unsigned)status->missed);
@@ -415,11 +440,12 @@ static bool print_json(session_t *session) {
     berth_can_state_t bus;
     session->port.can.api->state(session->port.can.context, &bus);
     json_t *document = json_pack(
-        "{ss, ss, ss, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI}", "state",
+        "{ss, ss, ss, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI, sI}", "state",
         berth_supervisor_state_text(status->state), "fault",
         session->fault == BERTH_FAULT_NONE ? "" : berth_fault_text(session->fault), "fault_side",
-        berth_fault_side_text(session->fault), "steps", (json_int_t)status->steps, "missed",
-        (json_int_t)status->missed, "late_max_us", (json_int_t)session->late.max_us, "late_p99_us",
+        berth_fault_side_text(session->fault), "fault_code", (json_int_t)session->fault_code,
+        "steps", (json_int_t)status->steps, "missed", (json_int_t)status->missed, "late_max_us",
+        (json_int_t)session->late.max_us, "late_p99_us",
         (json_int_t)realtime_histogram_quantile(&session->late, 0.99), "received",
         (json_int_t)status->received, "malformed", (json_int_t)status->malformed, "foreign",
         (json_int_t)status->foreign, "drive_malformed",

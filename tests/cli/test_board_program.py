@@ -92,7 +92,7 @@ def test_no_drives_is_a_fault_that_says_which(tmp_path):
     status, _, err = finish(board)
     silent.close()
     assert status == 1
-    assert "fault: left drive: not enabled in time" in err
+    assert "fault: left drive: not enabled in time (code 0x1)" in err
 
 
 @pytest.mark.parametrize("arguments, problem", [
