@@ -25,7 +25,8 @@ NEEDED = {
     "udevadm": "udev",
     "file": "file",
 }
-MODULES = ("can", "can_raw", "vcan")
+# Loaded ahead, because a socket that has to wait for its module waits for half a second.
+MODULES = ("can", "can_raw", "can_bcm", "vcan")
 # Of no use on another machine, or harmful.
 NOT_PASSED = {"_", "PWD", "OLDPWD", "SHLVL"}
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
