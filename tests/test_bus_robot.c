@@ -219,6 +219,31 @@ static void test_wheels_move_the_robot_along_the_arc(void) {
     TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, 0.5 * 0.15, last_turns[1]);
 }
 
+static void test_wheels_are_told(void) {
+    circle();
+    scenario.plant.tau_s = 0.1;
+    create();
+    enable();
+    command_wheels(4.0, -2.0);
+    run_until(now_us + 1000);
+    bus_robot_wheels_t wheels = bus_robot_wheels(robot);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, 4.0, wheels.wanted_radps[BERTH_LEFT]);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, -2.0, wheels.wanted_radps[BERTH_RIGHT]);
+    TEST_ASSERT_TRUE(wheels.speed_radps[BERTH_LEFT] > 0.0);
+    TEST_ASSERT_TRUE(wheels.speed_radps[BERTH_LEFT] < 1.0);
+    TEST_ASSERT_TRUE(wheels.speed_radps[BERTH_RIGHT] < 0.0);
+    bus_robot_limit(robot, 3.0);
+    wheels = bus_robot_wheels(robot);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, wheels.wanted_radps[BERTH_LEFT]);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, -2.0, wheels.wanted_radps[BERTH_RIGHT]);
+    command_wheels(1.0e9, -1.0e9);
+    wheels = bus_robot_wheels(robot);
+    TEST_ASSERT_EQUAL_DOUBLE(-3.0, wheels.wanted_radps[BERTH_RIGHT]);
+    bus_robot_limit(robot, 0.0);
+    wheels = bus_robot_wheels(robot);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0e4, wheels.wanted_radps[BERTH_LEFT]);
+}
+
 static void test_a_wheel_without_torque_stands(void) {
     static const uint8_t idle[4] = {1, 0, 0, 0};
     circle();
@@ -890,6 +915,7 @@ static void test_hostile_frames(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_wheels_move_the_robot_along_the_arc);
+    RUN_TEST(test_wheels_are_told);
     RUN_TEST(test_a_wheel_without_torque_stands);
     RUN_TEST(test_watchdogs_stop_the_wheels);
     RUN_TEST(test_strides_do_not_matter);

@@ -51,6 +51,7 @@ struct bus_robot {
     berth_can_frame_t own[OWN_MAX];
     unsigned own_first, own_count;
     source_t source, last_drive;
+    double speed_max_radps; /* the drives' own limit */
     bus_robot_order_t orders[BUS_ROBOT_ORDERS_MAX];
     unsigned order_count;
 };
@@ -58,33 +59,47 @@ struct bus_robot {
 /* --- the plant --------------------------------------------------------------------------- */
 
 /* The speed that a wheel is driven at. */
-static double wanted_radps(const drive_sim_t *drive) {
+static double wanted_radps(const bus_robot_t *robot, int side) {
+    const drive_sim_t *drive = robot->drives[side];
     const double target_radps = drive_sim_enabled(drive) ? drive_sim_target_radps(drive) : 0.0;
-    return fmax(-WHEEL_MAX_RADPS, fmin(WHEEL_MAX_RADPS, target_radps));
+    return fmax(-robot->speed_max_radps, fmin(robot->speed_max_radps, target_radps));
 }
 
 static void take_targets(bus_robot_t *robot) {
     const double radius_m = robot->config.scenario->robot.wheel_radius_m;
-    const double wheel[2] = {wanted_radps(robot->drives[BERTH_LEFT]),
-                             wanted_radps(robot->drives[BERTH_RIGHT])};
+    const double wheel[2] = {wanted_radps(robot, BERTH_LEFT), wanted_radps(robot, BERTH_RIGHT)};
     robot->v_cmd_mps = 0.5 * radius_m * (wheel[BERTH_RIGHT] + wheel[BERTH_LEFT]);
     robot->omega_cmd_radps =
         radius_m * (wheel[BERTH_RIGHT] - wheel[BERTH_LEFT]) / robot->config.scenario->robot.track_m;
 }
 
-/* What the encoders see. */
-static void tell_motion(bus_robot_t *robot) {
-    const scenario_t *scenario = robot->config.scenario;
+bus_robot_wheels_t bus_robot_wheels(const bus_robot_t *robot) {
     const plant_t *plant = &robot->plant;
-    const double radius_m = scenario->robot.wheel_radius_m;
+    const double radius_m = robot->config.scenario->robot.wheel_radius_m;
     const double true_radius_m = radius_m * plant->model.radius_scale;
     const double turn_mps = 0.5 * plant->track_m * plant->model.track_scale * plant->omega_radps;
+    return (bus_robot_wheels_t){
+        .wanted_radps = {wanted_radps(robot, BERTH_LEFT), wanted_radps(robot, BERTH_RIGHT)},
+        .speed_radps = {(plant->v_mps - turn_mps) / true_radius_m,
+                        (plant->v_mps + turn_mps) / true_radius_m},
+    };
+}
+
+void bus_robot_limit(bus_robot_t *robot, double speed_max_radps) {
+    robot->speed_max_radps =
+        speed_max_radps > 0.0 ? fmin(speed_max_radps, WHEEL_MAX_RADPS) : WHEEL_MAX_RADPS;
+    take_targets(robot);
+}
+
+/* What the encoders see. */
+static void tell_motion(bus_robot_t *robot) {
+    const double radius_m = robot->config.scenario->robot.wheel_radius_m;
+    const bus_robot_wheels_t wheels = bus_robot_wheels(robot);
     double angle[2];
-    plant_wheels(plant, radius_m, &angle[BERTH_LEFT], &angle[BERTH_RIGHT]);
-    drive_sim_motion(robot->drives[BERTH_LEFT], angle[BERTH_LEFT],
-                     (plant->v_mps - turn_mps) / true_radius_m);
-    drive_sim_motion(robot->drives[BERTH_RIGHT], angle[BERTH_RIGHT],
-                     (plant->v_mps + turn_mps) / true_radius_m);
+    plant_wheels(&robot->plant, radius_m, &angle[BERTH_LEFT], &angle[BERTH_RIGHT]);
+    for (int side = 0; side < 2; side++) {
+        drive_sim_motion(robot->drives[side], angle[side], wheels.speed_radps[side]);
+    }
 }
 
 static bool running(const bus_robot_t *robot) {
@@ -496,6 +511,7 @@ bus_robot_t *bus_robot_create(const bus_robot_config_t *config, int64_t now_us,
     robot->config = *config;
     robot->result = (bus_robot_result_t){.run_us = -1, .status_us = -1, .clearance_m = HUGE_VAL};
     robot->now_us = now_us;
+    robot->speed_max_radps = WHEEL_MAX_RADPS;
     robot->period_end_us = NEVER;
     robot->measure_us = config->fix_period_us > 0 ? now_us : NEVER;
     robot->announce_us = config->announced && scenario->obstacle_count > 0 ? now_us : NEVER;

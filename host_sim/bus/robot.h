@@ -108,6 +108,17 @@ const bus_robot_result_t *bus_robot_result(bus_robot_t *robot);
 /* The true pose, as of the last event. */
 berth_pose_t bus_robot_pose(const bus_robot_t *robot);
 
+/* What the drives want the wheels to do, and what these do, rad/s, as of the last event. */
+typedef struct {
+    double wanted_radps[2]; /* left, right; 0 where a drive holds no torque */
+    double speed_radps[2];
+} bus_robot_wheels_t;
+bus_robot_wheels_t bus_robot_wheels(const bus_robot_t *robot);
+
+/* The speed limit that the drives were set up with, rad/s of the wheel: a command beyond it turns a
+ * wheel no faster. 0: the motors' own. */
+void bus_robot_limit(bus_robot_t *robot, double speed_max_radps);
+
 /* Faults to order, each at its time; they happen in the order of their times. False: no room for
  * more than BUS_ROBOT_ORDERS_MAX. */
 #define BUS_ROBOT_ORDERS_MAX 8
