@@ -1,6 +1,7 @@
 #include "scenario.h"
 
 #include "berth/avoid.h"
+#include "berth/constrained.h"
 #include "berth/reference.h"
 #include "number.h"
 #include "refusal.h"
@@ -245,10 +246,31 @@ static bool check_obstacle(const scenario_t *scenario, size_t index, const scena
     return true;
 }
 
+/* What the constrained tracker is made for, and has room for. */
+static bool check_constrained(const scenario_t *scenario, const scenario_lines_t *lines,
+                              scenario_error_t *error) {
+    char what[KEY_WHAT_MAX];
+    char allowed[NUMBER_RANGE_TEXT_MAX];
+    if (!scenario->mpc.constrained) {
+        return true;
+    }
+    if (scenario->mpc.zoh) {
+        return scenario_refuse_key(lines, scenario_key_find(SECTION_MPC, "discretization"), 0,
+                                   "'zoh' is not possible with mpc.constrained", "euler", error);
+    }
+    if (scenario->mpc.horizon <= BERTH_CONSTRAINED_HORIZON_MAX) {
+        return true;
+    }
+    (void)snprintf(what, sizeof what, "%d is too long for mpc.constrained", scenario->mpc.horizon);
+    number_range_text(1.0, BERTH_CONSTRAINED_HORIZON_MAX, allowed, sizeof allowed);
+    return scenario_refuse_key(lines, scenario_key_find(SECTION_MPC, "horizon"), 0, what, allowed,
+                               error);
+}
+
 bool scenario_check_lines(const scenario_t *scenario, const scenario_lines_t *lines,
                           scenario_error_t *error) {
     bool good = check_duration(scenario, lines, error) && check_strategy(scenario, lines, error) &&
-                check_file(scenario, lines, error);
+                check_file(scenario, lines, error) && check_constrained(scenario, lines, error);
     for (size_t i = 0; good && i < scenario->obstacle_count; i++) {
         good = check_obstacle(scenario, i, lines, error);
     }

@@ -51,6 +51,7 @@ typedef struct {
         int horizon;
         double q[3], r[2];
         bool zoh;
+        bool constrained; /* the wheels' limits in the optimum */
     } mpc;
     struct {
         char strategy[32];

@@ -57,6 +57,7 @@ const scenario_key_t scenario_keys[SCENARIO_KEY_COUNT] = {
     {SECTION_MPC, "r", KIND_NUMBER, 2, AT(mpc.r), 1e-6, (double)BERTH_WEIGHT_MAX, NEED_IN_SECTION,
      "[0.5, 0.1]"},
     {SECTION_MPC, "discretization", KIND_DISCRETIZATION, 1, AT(mpc.zoh), 0, 0, NEED_NEVER, "euler"},
+    {SECTION_MPC, "constrained", KIND_BOOL, 1, AT(mpc.constrained), 0, 0, NEED_NEVER, "false"},
 
     {SECTION_AVOIDANCE, "strategy", KIND_STRATEGY, 1, AT(avoidance.strategy), 0, 0, NEED_NEVER,
      "combined"},

@@ -7,6 +7,7 @@
 
 typedef struct {
     berth_controller_t controller;
+    berth_constrained_t workspace; /* used where the scenario asks for it */
     int64_t period_us;
     bool started;
 } berth_strategy_t;
@@ -37,7 +38,8 @@ static void *create(const strategy_scene_t *scene, regions_t regions, scenario_e
         strategy_memory_text(error);
         return NULL;
     }
-    const berth_config_t config = strategy_config(scene->scenario);
+    berth_config_t config = strategy_config(scene->scenario);
+    strategy_constrain(&config, scene->scenario, &self->workspace);
     berth_refusal_t refusal;
     const berth_error_t result =
         berth_controller_init(&self->controller, scene->plan, &config, &refusal);

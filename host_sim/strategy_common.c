@@ -4,7 +4,7 @@
 #include <stdio.h>
 
 berth_config_t strategy_config(const scenario_t *scenario) {
-    berth_config_t config;
+    berth_config_t config = {0};
     config.limits = (berth_limits_config_t){
         .wheel_radius_m = (float)scenario->robot.wheel_radius_m,
         .track_m = (float)scenario->robot.track_m,
@@ -22,6 +22,13 @@ berth_config_t strategy_config(const scenario_t *scenario) {
         .sigma_pose_m = (float)scenario->plant.pose_noise_m,
     };
     return config;
+}
+
+void strategy_constrain(berth_config_t *config, const scenario_t *scenario,
+                        berth_constrained_t *workspace) {
+    if (scenario->mpc.constrained) {
+        config->tracker = berth_constrained_tracker(workspace);
+    }
 }
 
 berth_obstacle_t strategy_obstacle(const scenario_t *scenario,

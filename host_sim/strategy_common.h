@@ -11,6 +11,11 @@
  * simulated drives have theirs. */
 berth_config_t strategy_config(const scenario_t *scenario);
 
+/* Has the configuration use the constrained tracker where the scenario asks for it. The workspace
+ * must outlive the controller. */
+void strategy_constrain(berth_config_t *config, const scenario_t *scenario,
+                        berth_constrained_t *workspace);
+
 /* An obstacle in float32. The regulated radius is at least C + skirt, which the doubles may miss by
  * their rounding. */
 berth_obstacle_t strategy_obstacle(const scenario_t *scenario, const scenario_obstacle_t *obstacle);

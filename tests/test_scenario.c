@@ -153,6 +153,16 @@ static void test_every_key_arrives(void) {
     TEST_ASSERT_EQUAL_MEMORY(&plant, &scenario.plant, sizeof plant);
 }
 
+static void test_the_constrained_tracker_is_asked_for(void) {
+    char text[1000];
+    (void)snprintf(text, sizeof text,
+                   "%smpc: {horizon: 40, q: [10, 40, 1], r: [0.5, 0.1], constrained: true}\n",
+                   least);
+    load(text);
+    TEST_ASSERT_TRUE(scenario.mpc.constrained);
+    TEST_ASSERT_FALSE(scenario.mpc.zoh);
+}
+
 static void test_defaults(void) {
     load(least);
     TEST_ASSERT_EQUAL_STRING("least", scenario.name);
@@ -164,6 +174,7 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_MEMORY(q, scenario.mpc.q, sizeof q);
     TEST_ASSERT_EQUAL_MEMORY(r, scenario.mpc.r, sizeof r);
     TEST_ASSERT_FALSE(scenario.mpc.zoh);
+    TEST_ASSERT_FALSE(scenario.mpc.constrained);
     TEST_ASSERT_EQUAL_STRING("combined", scenario.avoidance.strategy);
     assert_same(0.02, scenario.avoidance.skirt_m);
     assert_same(0.05, scenario.avoidance.v_creep_mps);
@@ -530,6 +541,7 @@ static void test_writing_into_no_folder(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_every_key_arrives);
+    RUN_TEST(test_the_constrained_tracker_is_asked_for);
     RUN_TEST(test_defaults);
     RUN_TEST(test_without_a_start_the_robot_stands_on_the_reference);
     RUN_TEST(test_a_file_is_found_beside_the_scenario);

@@ -29,6 +29,29 @@ berth_config_t berth_config_default(float wheel_radius_m, float track_m) {
     };
 }
 
+/* The workspace for this plan. Without one there is nothing that a rim's change could limit. */
+static berth_error_t init_tracker(const berth_config_t *config, const berth_plan_t *plan,
+                                  berth_refusal_t *refusal) {
+    const berth_tracker_t *tracker = &config->tracker;
+    if (tracker->api == NULL) {
+        return check_value(BERTH_FIELD_RIM_CHANGE_MAX, tracker->rim_change_max_mps2, 0.0f, 0.0f,
+                           refusal)
+                   ? BERTH_OK
+                   : BERTH_ERROR_CONFIG;
+    }
+    if (tracker->workspace == NULL) {
+        return BERTH_ERROR_ARGUMENT;
+    }
+    return tracker->api->init(tracker->workspace, plan, &config->limits,
+                              tracker->rim_change_max_mps2, refusal);
+}
+
+static void reset_tracker(const berth_tracker_t *tracker) {
+    if (tracker->api != NULL) {
+        tracker->api->reset(tracker->workspace);
+    }
+}
+
 berth_error_t berth_controller_init(berth_controller_t *controller, const berth_plan_t *plan,
                                     const berth_config_t *config, berth_refusal_t *refusal) {
     if (controller == NULL) {
@@ -49,6 +72,11 @@ berth_error_t berth_controller_init(berth_controller_t *controller, const berth_
     if (error != BERTH_OK) {
         return error;
     }
+    error = init_tracker(config, plan, refusal);
+    if (error != BERTH_OK) {
+        return error;
+    }
+    controller->tracker = config->tracker;
     controller->limits_config = config->limits;
     berth_limits_reset(&controller->limits);
     if (plan->closed) {
@@ -115,6 +143,7 @@ berth_error_t berth_controller_start(berth_controller_t *controller, int64_t now
     }
     berth_reference_start(&controller->reference, controller->plan, now_us);
     berth_limits_reset(&controller->limits);
+    reset_tracker(&controller->tracker);
     lookahead_start(&controller->avoid, &controller->obstacles, controller->plan,
                     &controller->reference);
     controller->last_us = now_us;
@@ -144,19 +173,34 @@ static berth_error_t check_step(const berth_controller_t *controller, int64_t no
     return good ? BERTH_OK : BERTH_ERROR_POSE;
 }
 
-/* The gain of the current sample: in the table, computed, or the one that holds the last pose. */
-static const berth_gain_t *current_gain(const berth_controller_t *controller,
-                                        berth_gain_t *computed) {
+/* The gain of the current sample where it is known: in the table, or the one that holds the last
+ * pose. */
+static const berth_gain_t *known_gain(const berth_controller_t *controller) {
     const berth_plan_t *plan = controller->plan;
     const uint32_t index = controller->reference.index;
     if (index >= plan->count) {
         return &controller->hold_gain;
     }
-    if (plan->gain_source == BERTH_GAIN_TABLE) {
-        return &plan->gains[index];
-    }
-    berth_riccati_gain(plan, index, computed);
-    return computed;
+    return plan->gain_source == BERTH_GAIN_TABLE ? &plan->gains[index] : NULL;
+}
+
+/* The constrained optimum. Returns whether a wheel is at its limit. */
+static bool track_constrained(berth_controller_t *controller, const berth_gain_t *gain,
+                              berth_twist_t *twist) {
+    berth_status_t *status = &controller->status;
+    berth_constrained_t *workspace = controller->tracker.workspace;
+    const berth_tracker_input_t input = {
+        .plan = controller->plan,
+        .reference = &controller->reference,
+        .sample = &status->sample,
+        .gain = gain,
+        .error = &status->tracking_error,
+        .last = controller->limits.last,
+    };
+    *twist = controller->tracker.api->step(workspace, &input);
+    status->passes = workspace->passes;
+    status->suboptimal = workspace->stopped;
+    return workspace->limited_now;
 }
 
 /* Error, law, avoidance and limits, for a step that may move the robot. */
@@ -167,16 +211,26 @@ static void control(berth_controller_t *controller, const berth_pose_t *measured
     const berth_reference_t *reference = &controller->reference;
     const berth_pose_t pose = {measured->x_m, measured->y_m,
                                berth_wrap_inline(measured->theta_rad)};
-    berth_gain_t computed;
-    const berth_gain_t *gain = current_gain(controller, &computed);
+    const berth_gain_t *gain = known_gain(controller);
+    bool held = false;
     plan_sample_inline(plan, reference->index, &status->sample);
     status->tracking_error = tracking_error_inline(&pose, &status->sample);
-    command->twist = tracker_law_inline(&status->sample, gain, &status->tracking_error);
+    if (controller->tracker.api != NULL) {
+        held = track_constrained(controller, gain, &command->twist);
+    } else {
+        berth_gain_t computed;
+        if (gain == NULL) {
+            berth_riccati_gain(plan, reference->index, &computed);
+            gain = &computed;
+        }
+        command->twist = tracker_law_inline(&status->sample, gain, &status->tracking_error);
+    }
     status->mode = berth_avoid_step(&controller->avoid, &controller->obstacles, plan, reference,
                                     &pose, &command->twist);
     status->limited = berth_limits_apply(&controller->limits, &controller->limits_config,
                                          controller->avoid.period_s,
                                          status->mode != BERTH_MODE_TRACK, &command->twist);
+    status->limited |= held ? BERTH_LIMITED_WHEEL : 0u;
     command->wheels = berth_wheels_from_twist(&controller->limits_config, command->twist);
     status->clearance_m = controller->avoid.clearance_m;
     status->active = controller->avoid.active;
@@ -198,6 +252,9 @@ berth_error_t berth_controller_step(berth_controller_t *controller, int64_t now_
     if (error != BERTH_OK) {
         controller->status.error = error;
         berth_limits_reset(&controller->limits);
+        if (controller->plan != NULL) {
+            reset_tracker(&controller->tracker);
+        }
         return error;
     }
     controller->last_us = now_us;

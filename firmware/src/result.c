@@ -71,6 +71,7 @@ static const char *const field_texts[] = {
     "bus obstacle body (m)",
     "bus obstacle C - R (m)",
     "bus obstacle G - C (m)",
+    "rim change max (m/s2)",
 };
 
 /* A text is looked up by its number: one missing would shift the rest. */

@@ -22,32 +22,42 @@ typedef struct {
     REAL p11, p12, p13, p22, p23, p33;
 } riccati_p_t;
 
-/* Minimises over u1 in the Euler form: column e1, weight rho = r1 / T^2. */
-static inline void riccati_eliminate_u1(riccati_p_t *p, REAL rho) {
+/* Minimises over u1 in the Euler form: column e1, weight rho = r1 / T^2. The minimum is at
+ * T u1 = -row e, e being what A makes of the error, with T u2 in it. Returns 1 / s. */
+static inline REAL riccati_eliminate_u1(riccati_p_t *p, REAL rho, REAL row[3]) {
     const REAL inverse = (REAL)1 / (p->p11 + rho);
     const REAL t1 = p->p11 * inverse;
     const REAL t2 = p->p12 * inverse;
     const REAL t3 = p->p13 * inverse;
+    row[0] = t1;
+    row[1] = t2;
+    row[2] = t3;
     p->p22 -= t2 * p->p12;
     p->p23 -= t2 * p->p13;
     p->p33 -= t3 * p->p13;
     p->p11 = rho * t1;
     p->p12 = rho * t2;
     p->p13 = rho * t3;
+    return inverse;
 }
 
-/* Minimises over u2 in the Euler form: column e3, weight rho = r2 / T^2. */
-static inline void riccati_eliminate_u2(riccati_p_t *p, REAL rho) {
+/* The same over u2: column e3, weight rho = r2 / T^2. u1 has gone, so the minimum depends on what A
+ * makes of the error alone. */
+static inline REAL riccati_eliminate_u2(riccati_p_t *p, REAL rho, REAL row[3]) {
     const REAL inverse = (REAL)1 / (p->p33 + rho);
     const REAL t1 = p->p13 * inverse;
     const REAL t2 = p->p23 * inverse;
     const REAL t3 = p->p33 * inverse;
+    row[0] = t1;
+    row[1] = t2;
+    row[2] = t3;
     p->p11 -= t1 * p->p13;
     p->p12 -= t1 * p->p23;
     p->p22 -= t2 * p->p23;
     p->p13 = rho * t1;
     p->p23 = rho * t2;
     p->p33 = rho * t3;
+    return inverse;
 }
 
 /* A_k = [[c, a, f], [-a, c, g], [0, 0, 1]]; the Euler form has c = 1 and f = 0. */
@@ -177,6 +187,21 @@ static inline uint32_t riccati_stage_before(const berth_plan_t *plan, uint32_t k
     return plan->closed && k == 0 ? plan->count - 1u : k - 1u;
 }
 
+/* With both inputs eliminated, K = R^-1 B' P A (Euler form). */
+static inline void riccati_gain_from_p(const riccati_p_t *p, const riccati_a_t *m, REAL period,
+                                       const float r[2], REAL gain[2][3]) {
+    const REAL scale1 = period / (REAL)r[0];
+    const REAL scale2 = period / (REAL)r[1];
+    REAL row1[3] = {scale1 * p->p11, scale1 * p->p12, scale1 * p->p13};
+    REAL row2[3] = {scale2 * p->p13, scale2 * p->p23, scale2 * p->p33};
+    riccati_row_times_a(row1, m);
+    riccati_row_times_a(row2, m);
+    for (int j = 0; j < 3; j++) {
+        gain[0][j] = row1[j];
+        gain[1][j] = row2[j];
+    }
+}
+
 static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL period,
                                       REAL gain[2][3]) {
     const REAL q[3] = {(REAL)plan->mpc.q[0], (REAL)plan->mpc.q[1], (REAL)plan->mpc.q[2]};
@@ -187,28 +212,18 @@ static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL
     uint32_t stage = riccati_last_stage(plan, k);
     REAL turn;
     REAL way;
+    REAL unused[3];
     for (uint32_t i = plan->mpc.horizon;; i--) {
         riccati_stage(plan, stage, period, &turn, &way);
-        riccati_eliminate_u1(&p, rho1);
-        riccati_eliminate_u2(&p, rho2);
+        (void)riccati_eliminate_u1(&p, rho1, unused);
+        (void)riccati_eliminate_u2(&p, rho2, unused);
         if (i <= 1) {
             break;
         }
         riccati_propagate_euler(&p, turn, way, q);
         stage = riccati_stage_before(plan, stage);
     }
-    /* with both inputs eliminated, K = R^-1 B' P A */
-    const riccati_a_t m = {1, turn, 0, way};
-    const REAL scale1 = period / (REAL)plan->mpc.r[0];
-    const REAL scale2 = period / (REAL)plan->mpc.r[1];
-    REAL row1[3] = {scale1 * p.p11, scale1 * p.p12, scale1 * p.p13};
-    REAL row2[3] = {scale2 * p.p13, scale2 * p.p23, scale2 * p.p33};
-    riccati_row_times_a(row1, &m);
-    riccati_row_times_a(row2, &m);
-    for (int j = 0; j < 3; j++) {
-        gain[0][j] = row1[j];
-        gain[1][j] = row2[j];
-    }
+    riccati_gain_from_p(&p, &(riccati_a_t){1, turn, 0, way}, period, plan->mpc.r, gain);
 }
 
 static inline void riccati_gain_zoh(const berth_plan_t *plan, uint32_t k, REAL period,

@@ -2,6 +2,7 @@
 
 #include "number.h"
 #include "refusal.h"
+#include "strategy_common.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -60,6 +61,7 @@ bool board_host_make(board_host_t *host, const board_recipe_t *recipe, int64_t n
     bool good = bus_setup_board_config(&recipe->setup, &recipe->scenario, host->plan.plan.period_us,
                                        &config, error);
     if (good) {
+        strategy_constrain(&config.controller, &recipe->scenario, &host->workspace);
         config.supervisor.fix_timeout_us = recipe->options.fix_timeout_ms * 1000u;
         config.supervisor.following_radps = (float)recipe->options.following_radps;
         const berth_error_t result =

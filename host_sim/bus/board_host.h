@@ -33,6 +33,7 @@ typedef struct {
 typedef struct {
     run_plan_t plan;
     berth_board_t board;
+    berth_constrained_t workspace; /* used where the scenario asks for it */
 } board_host_t;
 
 /* Makes the board, IDLE, first step due at now_us, with the scenario's obstacles. False with *error

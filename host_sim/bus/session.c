@@ -204,6 +204,7 @@ static bool make_board(session_t *session, scenario_error_t *error) {
                                        error)) {
         return false;
     }
+    strategy_constrain(&board.controller, config->scenario, &parts->workspace);
     berth_refusal_t refusal = {.field = BERTH_FIELD_NONE};
     const berth_error_t result =
         berth_board_init(&parts->board, plan, &board, SESSION_BEGIN_US, &refusal);

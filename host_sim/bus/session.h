@@ -27,7 +27,8 @@
 typedef struct {
     can_loop_t loop;
     berth_board_t board;
-    berth_can_t can; /* the board's bus; prepare may put another one around it */
+    berth_constrained_t workspace; /* used where the scenario asks for it */
+    berth_can_t can;               /* the board's bus; prepare may put another one around it */
     berth_link_t link;
     bus_robot_t *robot;
     berth_can_t robot_can;

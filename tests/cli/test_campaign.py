@@ -51,6 +51,16 @@ def test_no_collision_with_ideal_drives(capsys):
     assert avoiding > 0.1 * result["mode_time_s"]["track"]  # there was something to avoid
 
 
+# The wheels' limits well above what the scenes ask of them, and below it.
+@pytest.mark.parametrize("wheels", ["16", "8"])
+def test_no_collision_with_the_constrained_tracker(capsys, wheels):
+    result = campaign("--runs", runs(20000), "--seed", 1, "--set", "mpc.constrained=true",
+                      "--set", f"robot.wheel_speed_max_radps={wheels}")
+    report(capsys, f"constrained tracker, wheels up to {wheels} rad/s", result)
+    assert result["collisions"] == 0
+    assert result["worst_clearance_m"] > 0.0
+
+
 @pytest.mark.parametrize("strategy", ["conservative", "combined", "kanayama_avoid"])
 def test_no_collision_among_overlapping_obstacles(strategy):
     result = campaign("--runs", runs(10000), "--seed", 3, "--overlap", "demand",

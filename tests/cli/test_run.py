@@ -352,3 +352,38 @@ def test_version_is_the_same_everywhere():
     name, version = result.stdout.split()
     assert name == "berth-sim" and version.count(".") == 2
     assert sim("run", "--version").stdout == result.stdout
+
+
+def rms(*arguments):
+    return summary("run", *arguments)["rms_position_error_m"]
+
+
+@pytest.mark.parametrize("scenario", ["circle", "eight"])
+def test_constrained_tracker_without_active_limits_gives_the_same_log(scenario, tmp_path):
+    """From a start on the path, with wheels that can do all that is asked of them."""
+    logs = []
+    start = {"circle": ("1", "0", "1.5707963"), "eight": ("0", "0", "0.92729522")}[scenario]
+    for constrained in ("false", "true"):
+        path = tmp_path / f"{constrained}.csv"
+        settings = [f"mpc.constrained={constrained}", f"start.x_m={start[0]}",
+                    f"start.y_m={start[1]}", f"start.theta_rad={start[2]}", "obstacles=[]"]
+        sim("run", scenario, "--log", path,
+            *[argument for setting in settings for argument in ("--set", setting)])
+        logs.append(path.read_text())
+    rows = [[line.split(",") for line in log.splitlines()[1:]] for log in logs]
+    assert len(rows[0]) > 500
+    assert len(rows[0]) == len(rows[1])
+    for one, other in zip(*rows):
+        for a, b in zip(one, other):
+            assert a == b or abs(float(a) - float(b)) <= 1e-4
+
+
+@pytest.mark.parametrize(("scenario", "wheels"), [("circle", 6.5), ("eight", 10)])
+def test_constrained_tracker_follows_more_than_the_wheels_can_better(scenario, wheels, capsys):
+    arguments = [scenario, "--set", "obstacles=[]", "--set", f"robot.wheel_speed_max_radps={wheels}"]
+    clipped = rms(*arguments)
+    constrained = rms(*arguments, "--set", "mpc.constrained=true")
+    with capsys.disabled():
+        print(f"\n{scenario}, wheels up to {wheels} rad/s: RMS error {constrained:.4f} m "
+              f"constrained, {clipped:.4f} m clipped")
+    assert constrained < clipped

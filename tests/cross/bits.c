@@ -160,6 +160,36 @@ static void closed_loop(const berth_plan_t *plan) {
     report("closed_loop", sum);
 }
 
+/* The constrained tracker through kicks, its iterates included. */
+static void constrained(const berth_plan_t *plan) {
+    static berth_constrained_t workspace;
+    berth_limits_config_t limits = berth_config_default(0.05f, 0.3f).limits;
+    berth_refusal_t refusal;
+    berth_plan_t online = *plan;
+    online.gains = NULL;
+    online.gain_source = BERTH_GAIN_ONLINE;
+    limits.wheel_speed_max_radps = 9.0f;
+    require(berth_constrained_init(&workspace, &online, &limits, 3.0f, &refusal));
+    uint64_t sum = digest_start;
+    berth_twist_t twist = {0.0f, 0.0f};
+    int passes = 0;
+    for (uint32_t k = 0; k < 2000; k++) {
+        const berth_reference_t reference = {.index = k % SAMPLES, .total = k};
+        const berth_sample_t sample = berth_plan_sample(&online, reference.index);
+        const float size = k % 3 == 0 ? 1.0f : 0.1f;
+        const berth_tracking_error_t error = {size * next_unit(), size * next_unit(),
+                                              size * next_unit()};
+        const berth_tracker_input_t input = {&online, &reference, &sample, NULL, &error, twist};
+        twist = berth_constrained_step(&workspace, &input);
+        passes |= 1 << workspace.passes;
+        const float out[] = {twist.v_mps, twist.omega_radps, workspace.stages[7].u[0],
+                             workspace.stages[7].u[1]};
+        sum = digest(sum, out, sizeof out / sizeof *out);
+    }
+    printf("passes %x\n", (unsigned)passes);
+    report("constrained", sum);
+}
+
 /* Wheel travel and fixes in; poses out. */
 static void odometry(void) {
     static berth_odometry_t odometry;
@@ -225,5 +255,6 @@ int main(void) {
     berth_plan_t plan = make_plan(BERTH_DISCRETIZATION_EULER);
     fill_gains("riccati_euler", &plan);
     closed_loop(&plan);
+    constrained(&plan);
     return 0;
 }

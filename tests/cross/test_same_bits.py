@@ -37,6 +37,8 @@ def log(preset, scenario, folder):
 def test_firmware_bits(preset):
     expected = bits(REFERENCE)
     assert bits(preset) == expected
+    passes = int(expected.split("passes ")[1].split()[0], 16)
+    assert passes & 2 and passes & ~6, "the constrained tracker must take few passes and many"
     modes = int(expected.split("modes ")[1].split()[0])
     assert modes & 1 and modes & ~1, "the run must both track and avoid"
 

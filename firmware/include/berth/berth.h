@@ -6,6 +6,7 @@
 #include "berth/angle.h"
 #include "berth/avoid.h"
 #include "berth/board.h"
+#include "berth/constrained.h"
 #include "berth/controller.h"
 #include "berth/drive.h"
 #include "berth/error.h"

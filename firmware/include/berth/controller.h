@@ -19,6 +19,7 @@
 #define BERTH_CONTROLLER_H
 
 #include "berth/avoid.h"
+#include "berth/constrained.h"
 #include "berth/error.h"
 #include "berth/limits.h"
 #include "berth/obstacles.h"
@@ -33,6 +34,7 @@ extern "C" {
 typedef struct {
     berth_limits_config_t limits;
     berth_avoid_config_t avoid;
+    berth_tracker_t tracker; /* all zero: the gain; or what berth_constrained_tracker returns */
 } berth_config_t;
 
 /* Reasonable start for a small indoor robot: fill in the wheels, and the limits that differ. */
@@ -54,6 +56,8 @@ typedef struct {
     uint32_t skipped;      /* periods passed over since the start because steps came late */
     uint8_t active;        /* obstacles within their regulated radius */
     uint8_t limited;       /* BERTH_LIMITED_* that acted */
+    uint8_t passes;        /* of the constrained tracker; 0 with the gain */
+    bool suboptimal;       /* the constrained tracker stopped before its optimum */
     bool braking;          /* the braking cap took speed away */
     bool finished;         /* past the end of an open plan, holding its last pose */
 } berth_status_t;
@@ -66,6 +70,7 @@ typedef struct {
     berth_obstacles_t obstacles;
     berth_reference_t reference;
     berth_gain_t hold_gain; /* for the last pose of an open plan */
+    berth_tracker_t tracker;
     int64_t last_us;
     bool started;
     berth_status_t status;
@@ -121,7 +126,7 @@ BERTH_MUST_USE berth_error_t berth_controller_start(berth_controller_t *controll
  * outside 0 to BERTH_TIME_MAX_US), BERTH_ERROR_STATE (not
  * started), BERTH_ERROR_ARGUMENT (a pointer is missing).
  * Cost: see the README's table; bounded, no loop depends on anything but the number of obstacles,
- * and with online gains the horizon. */
+ * with online gains the horizon, and with the constrained tracker its passes. */
 BERTH_MUST_USE berth_error_t berth_controller_step(berth_controller_t *controller, int64_t now_us,
                                                    const berth_pose_t *pose,
                                                    berth_command_t *command);
