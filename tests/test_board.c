@@ -96,6 +96,21 @@ static void test_a_configured_braking_slows_the_stop(void) {
     expect_state(BERTH_SUPERVISOR_IDLE);
 }
 
+/* A wheel that turns through zero while it is still driven does not stand. */
+static void test_a_stop_takes_its_time_to_act(void) {
+    start_running();
+    rig.wheels[0].rps = rig.wheels[1].rps = 0.0;
+    rig_feedback(&rig);
+    rig_command(&rig, BERTH_COMMAND_STOP);
+    const int commands = rig.wheels[0].commands;
+    run_for(RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_STOPPING);
+    TEST_ASSERT_EQUAL_INT(commands + 1, rig.wheels[0].commands);
+    TEST_ASSERT_TRUE(rig.wheels[0].rps == 0.0 && rig.wheels[1].rps == 0.0);
+    run_for(2 * RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_IDLE);
+}
+
 /* --- every reason to stop --------------------------------------------------------------------- */
 
 static void bus(berth_can_mode_t mode, bool failed) {
@@ -152,6 +167,12 @@ static void cause_late_step(void) {
     berth_board_step(&rig.board, rig.now_us);
     rig_send_all(&rig);
 }
+/* The board itself has slept: the drives are not to blame, though nothing was heard of them. */
+static void cause_late_step_unheard(void) {
+    rig.now_us += 5 * RIG_PERIOD_US;
+    berth_board_step(&rig.board, rig.now_us);
+    rig_send_all(&rig);
+}
 static void cause_time_backwards(void) {
     berth_board_step(&rig.board, rig.now_us - 1);
     rig_send_all(&rig);
@@ -187,6 +208,7 @@ static const cause_t causes[] = {
     {"emergency stop, frame", cause_emergency_frame, BERTH_FAULT_EMERGENCY_STOP, 0},
     {"emergency stop, call", cause_emergency_call, BERTH_FAULT_EMERGENCY_STOP, 0},
     {"late", cause_late_step, BERTH_FAULT_PERIOD, 0},
+    {"late, unheard", cause_late_step_unheard, BERTH_FAULT_PERIOD, 0},
     {"time backwards", cause_time_backwards, BERTH_FAULT_PERIOD, 0},
     {"impossible travel", cause_impossible_travel, BERTH_FAULT_POSE_UNKNOWN, 56000},
     {"pose out of range", cause_pose_out_of_range, BERTH_FAULT_CONTROLLER, 51000},
@@ -537,6 +559,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_from_idle_to_running_and_back);
     RUN_TEST(test_a_configured_braking_slows_the_stop);
+    RUN_TEST(test_a_stop_takes_its_time_to_act);
     RUN_TEST(test_every_cause_stops_both_wheels_and_is_kept);
     RUN_TEST(test_reset_is_refused_while_the_bus_is_down_or_a_wheel_turns);
     RUN_TEST(test_an_emergency_stop_is_harder_than_the_fault_in_force);

@@ -457,13 +457,24 @@ static float following_error(const berth_board_t *board) {
     return most;
 }
 
+/* While stopping, a wheel that happens to turn through zero does not stand: zero must have been
+ * commanded, and have had a period to act. */
+static bool stop_in_force(const berth_board_t *board, int64_t now_us) {
+    if (board->supervisor.state != BERTH_SUPERVISOR_STOPPING) {
+        return true;
+    }
+    const berth_twist_t *twist = &board->status.command.twist;
+    return twist->v_mps == 0.0f && twist->omega_radps == 0.0f &&
+           now_us - board->supervisor.since_us > (int64_t)board->period_us;
+}
+
 static void supervise(berth_board_t *board, int64_t late_us, int64_t now_us) {
     const berth_drive_status_t *left = &board->drives[BERTH_LEFT].status;
     const berth_drive_status_t *right = &board->drives[BERTH_RIGHT].status;
     const uint8_t drive = drive_problem(board);
     const berth_supervisor_inputs_t inputs = {
         .drives_enabled = left->state == BERTH_DRIVE_ENABLED && right->state == BERTH_DRIVE_ENABLED,
-        .standing = standing(board),
+        .standing = standing(board) && stop_in_force(board, now_us),
         .pose_known = board->odometry.known,
         .fix_age_us = berth_odometry_fix_age_us(&board->odometry, now_us),
         .late_us = late_us,
@@ -571,6 +582,11 @@ void berth_board_step(berth_board_t *board, int64_t now_us) {
         return;
     }
     board->last_us = now_us;
+    if (board->supervisor.state != BERTH_SUPERVISOR_IDLE &&
+        now_us - board->tick_us > board->supervisor.config.period_late_us) {
+        /* before the drives' watchdogs, which would blame the drives for our own silence */
+        berth_supervisor_fail(&board->supervisor, BERTH_FAULT_PERIOD, now_us);
+    }
     for (int side = 0; side < 2; side++) {
         berth_drive_step(&board->drives[side], now_us, &board->outbox);
     }
