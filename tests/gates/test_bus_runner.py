@@ -278,3 +278,75 @@ def test_the_state_of_an_interface(tmp_path):
     assert states == ["up", "down", "absent"]
     with pytest.raises(vcan_common.Trouble, match="vcan2"):
         vcan_direct.state("vcan2", tmp_path)
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """The running kernel: what is there, who we are, and which commands work."""
+
+    def set_up(states, root, kernel_has_vcan=True, works=lambda command: True):
+        monkeypatch.setattr(vcan_direct, "state", lambda name: states.get(name, "absent"))
+        monkeypatch.setattr(vcan_direct, "as_root", lambda: root)
+        monkeypatch.setattr(vcan_direct, "kernel_offers_vcan", lambda: kernel_has_vcan)
+        done = []
+
+        def succeeds(command):
+            done.append([Path(word).name if word.startswith("/") else word for word in command])
+            return works(done[-1])
+
+        monkeypatch.setattr(vcan_direct, "succeeds", succeeds)
+        return done
+
+    return set_up
+
+
+def test_interfaces_that_are_up_need_no_root(here):
+    done = here({"vcan0": "up", "vcan1": "up"}, root=None)
+    plan, _ = vcan_direct.plan(2, private=False)
+    with plan:
+        assert plan.wrap(["x"]) == ["x"]
+    assert done == []
+
+
+@pytest.mark.parametrize("kernel_has_vcan", [True, False])
+def test_without_root_the_kernel_is_emulated_and_the_reason_told(kernel_has_vcan, here):
+    here({"vcan0": "up"}, None, kernel_has_vcan)
+    plan, why_not = vcan_direct.plan(2, private=False)
+    assert plan is None
+    assert why_not.surprising == kernel_has_vcan
+    assert ("root" in why_not.text) == kernel_has_vcan
+
+
+def test_what_was_made_is_removed_and_no_more(here):
+    done = here({"vcan0": "up", "vcan1": "down"}, root=["sudo", "-n"])
+    plan, _ = vcan_direct.plan(3, private=False)
+    made = [command[2:] for command in done if "ip" in command]
+    assert made == [
+        ["ip", "link", "set", "vcan1", "txqueuelen", "1000", "up"],
+        ["ip", "link", "add", "vcan2", "type", "vcan"],
+        ["ip", "link", "set", "vcan2", "txqueuelen", "1000", "up"],
+    ]
+    del done[:]
+    with plan:
+        assert done == []
+    assert [command[2:] for command in done] == [
+        ["ip", "link", "del", "vcan2"],
+        ["ip", "link", "set", "vcan1", "down"],
+    ]
+
+
+def test_a_kernel_without_vcan_leaves_nothing_behind(here):
+    done = here({}, [], works=lambda command: command[:3] != ["ip", "link", "add"])
+    assert vcan_direct.plan(2, private=False)[0] is None
+    assert ["ip", "link", "del", "vcan0"] not in done
+    done = here({}, [], works=lambda command: command[:4] != ["ip", "link", "add", "vcan1"])
+    assert vcan_direct.plan(2, private=False)[0] is None
+    assert done[-1] == ["ip", "link", "del", "vcan0"]
+
+
+def test_private_interfaces_keep_the_environment_under_sudo(here):
+    here({"vcan0": "up"}, root=["sudo", "-n"])
+    plan, _ = vcan_direct.plan(1, private=True)
+    command = plan.wrap(["program", "argument"])
+    assert command[:3] == ["sudo", "-n", "--preserve-env"]
+    assert "--net" in command and command[-2:] == ["program", "argument"]

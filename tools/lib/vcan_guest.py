@@ -243,7 +243,6 @@ def run(options):
     kernel = Path(options.kernel) if options.kernel else newest_kernel()
     if options.verbose or interactive:
         say(f"booting {kernel}; 10 to 20 s")
-    signal.signal(signal.SIGTERM, lambda *unused: sys.exit(128 + signal.SIGTERM))
     with tempfile.TemporaryDirectory(prefix="berth-vcan-") as folder:
         script = Path(folder) / "launch"
         script.write_text(launch_script(options.command or shell(), options.buses))
