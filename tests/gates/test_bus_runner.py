@@ -234,6 +234,30 @@ def test_a_machine_that_hangs_is_ended_with_all_it_started(machine, tmp_path, ca
             time.sleep(0.1)
 
 
+def test_a_machine_that_does_not_come_up_is_booted_anew(machine, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_PROCESSOR_S", 0.5)
+    marked = 'for last; do :; done; mark=$(sed -n "s/^: >//p" ${last#sh })'
+    spin = f"test -e {tmp_path}/second || {{ : >{tmp_path}/second; while :; do :; done; }}"
+    assert emulate(machine, f"{marked}\n{spin}\n: >$mark; echo up; exit 5") == 5
+    told = capfd.readouterr()
+    assert told.out == "up\n"
+    assert told.err == "vcan-shell: the emulated machine does not come up: ended\n"
+
+
+def test_a_machine_that_never_comes_up_is_given_up(machine, capfd, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_S", 0.2)
+    assert emulate(machine, "sleep 60") == vcan_common.CANNOT_RUN
+    assert "did not come up, 3 times" in capfd.readouterr().err
+
+
+def test_a_busy_command_is_no_hung_machine(machine, tmp_path, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_PROCESSOR_S", 0.3)
+    monkeypatch.setattr(vcan_guest, "BOOT_S", 0.3)
+    marked = 'for last; do :; done; mark=$(sed -n "s/^: >//p" ${last#sh }); : >$mark'
+    busy = "i=0; while [ $i -lt 800000 ]; do i=$((i+1)); done"
+    assert emulate(machine, f"{marked}\n{busy}; exit 3") == 3
+
+
 def test_what_is_missing_is_named(machine, capfd, monkeypatch):
     monkeypatch.setattr(vcan_guest, "search_path", lambda: "/nowhere")
     assert emulate(machine, "") == vcan_common.CANNOT_RUN
