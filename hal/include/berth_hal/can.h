@@ -39,7 +39,10 @@ typedef struct {
 /* The three outcomes of send and receive, and what each obliges the caller to.
  *
  *   DONE    send: the bus has taken the frame and will put it on the wire, or count it in
- *           tx_dropped. It is not on the wire yet. receive: *frame is filled.
+ *           tx_dropped. It is not on the wire yet. receive: *frame is filled. A good platform
+ *           takes no more frames ahead than leave within a control period: what waits with the
+ *           caller can still be replaced by what is newer, or by a stop, and the caller sees that
+ *           it waits; what the bus has taken leaves, however old it is by then.
  *   AGAIN   send: no room now. Nothing was taken; the caller keeps the frame or drops it, and tries
  *           again later, not in a loop. receive: nothing there; *frame is as it was.
  *   FAILED  the bus cannot be used now (down, unplugged, bus-off). Nothing was taken or received.
