@@ -160,6 +160,9 @@ static void on_prepare(void *context, session_parts_t *parts) {
         TEST_ASSERT_TRUE(can_fault_order(&sweep->fault, &what->call));
     }
     parts->can = (berth_can_t){&tap, sweep};
+    if (what->tx_depth > 0) {
+        can_loop_depths(&parts->loop, SESSION_NODE_BOARD, what->tx_depth, CAN_LOOP_RX_MAX);
+    }
     can_loop_fault(&parts->loop, on_start, sweep);
     can_loop_observe(&parts->loop, on_end, sweep);
     for (uint32_t i = 0; i < what->strangers; i++) {

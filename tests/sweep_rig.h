@@ -60,6 +60,7 @@ typedef struct {
     bool flip;                   /* besides: one byte of it is altered, at random */
     bus_robot_order_t orders[2]; /* at_us from the session's begin; 0: none */
     sweep_act_t acts[SWEEP_ACTS_MAX];
+    uint32_t tx_depth;  /* frames that the board's bus takes ahead; 0: as many as the loop can */
     uint32_t strangers; /* nodes to attach beside board and robot */
     int64_t flood_gap_us;
     void (*flood)(sweep_t *sweep, berth_can_frame_t *frame); /* what the first stranger sends */

@@ -13,7 +13,11 @@
 
 static sweep_outcome_t out;
 
-void setUp(void) {}
+static void reset_depth(void);
+
+void setUp(void) {
+    reset_depth();
+}
 
 void tearDown(void) {}
 
@@ -25,6 +29,21 @@ void tearDown(void) {}
     (DRIVE(FEEDBACK) | DRIVE(HEARTBEAT) | DRIVE(ENABLE) | DRIVE(SETUP_SILENT) | REASON(TRANSMIT) | \
      REASON(ARM_TIMEOUT))
 #define BY_ITSELF (DRIVE(DEVICE) | DRIVE(DISABLED) | DRIVE(EMERGENCY))
+
+/* A bus that takes many frames ahead, as an operating system's does, and one with the three
+ * mailboxes of many a CAN controller. */
+#define MAILBOXES 3u
+static uint32_t tx_depth;
+
+static void reset_depth(void) {
+    tx_depth = 0;
+}
+
+static sweep_case_t usual(drive_sim_kind_t kind) {
+    sweep_case_t what = sweep_case(kind);
+    what.tx_depth = tx_depth;
+    return what;
+}
 
 /* Calls one(kind, at) for each kind and each 50th millisecond of its run. */
 static void sweep_time(void (*one)(drive_sim_kind_t kind, int64_t at_us), const char *title) {
@@ -58,7 +77,7 @@ static void trouble_at(drive_sim_kind_t kind, int64_t at_us, const bus_robot_ord
                        int64_t takes_us, uint64_t reasons, const char *name) {
     char text[80];
     for (int side = 0; side < 2; side++) {
-        sweep_case_t what = sweep_case(kind);
+        sweep_case_t what = usual(kind);
         what.orders[0] = *order;
         what.orders[0].at_us = at_us;
         what.orders[0].side = side;
@@ -102,7 +121,7 @@ static void error_at(drive_sim_kind_t kind, int64_t at_us) {
 static void silent_error_at(drive_sim_kind_t kind, int64_t at_us) {
     for (size_t i = 0; kind == DRIVE_SIM_VESC && i < 4; i++) {
         char text[80];
-        sweep_case_t what = sweep_case(kind);
+        sweep_case_t what = usual(kind);
         const bool watched = i >= 2;
         what.orders[0] = (bus_robot_order_t){.at_us = at_us, .side = (int)(i & 1), .fail = 1};
         what.following_radps = watched ? 2.0f : 0.0f;
@@ -219,7 +238,7 @@ static void break_at(drive_sim_kind_t kind, int64_t at_us) {
             char text[96];
             const break_t *broken = &breaks[b];
             const int64_t last_us = lasts_us[l];
-            sweep_case_t what = sweep_case(kind);
+            sweep_case_t what = usual(kind);
             /* the board looks once a period at least */
             const bool found =
                 last_us == 0 || (last_us > broken->takes_us && last_us > SWEEP_PERIOD_US);
@@ -242,6 +261,8 @@ static void break_at(drive_sim_kind_t kind, int64_t at_us) {
 
 static void test_bus_broken(void) {
     sweep_time(break_at, "the bus is cut, off or down");
+    tx_depth = MAILBOXES;
+    sweep_time(break_at, "the bus is cut, off or down; three mailboxes");
 }
 
 /* --- strangers ---------------------------------------------------------------------------- */
@@ -279,7 +300,7 @@ static void babble_at(drive_sim_kind_t kind, int64_t at_us) {
         char text[80];
         const bool meek_one = i == 0;
         const bool found = i >= 2;
-        sweep_case_t what = sweep_case(kind);
+        sweep_case_t what = usual(kind);
         what.strangers = 1;
         what.acts[0] = (sweep_act_t){at_us, how[i]};
         what.may_stop = !meek_one;
@@ -294,6 +315,8 @@ static void babble_at(drive_sim_kind_t kind, int64_t at_us) {
 
 static void test_babble(void) {
     sweep_time(babble_at, "a stranger babbles");
+    tx_depth = MAILBOXES;
+    sweep_time(babble_at, "a stranger babbles; three mailboxes");
 }
 
 /* The frames that the board listens to, by kind of drive. */
@@ -359,7 +382,7 @@ static void flood_at(drive_sim_kind_t kind, int64_t at_us) {
     for (size_t i = 0; i < 2; i++) {
         char text[80];
         const bool full = i == 1;
-        sweep_case_t what = sweep_case(kind);
+        sweep_case_t what = usual(kind);
         what.strangers = 1;
         what.flood = malformed;
         what.flood_gap_us = full ? 0 : 1000;
@@ -382,8 +405,72 @@ static void flood_at(drive_sim_kind_t kind, int64_t at_us) {
 static void test_malformed(void) {
     malformed_counted = 0;
     sweep_time(flood_at, "a stranger's malformed frames under our identifiers");
+    tx_depth = MAILBOXES;
+    sweep_time(flood_at, "a stranger's malformed frames; three mailboxes");
     printf("    %lu of them counted as such\n", malformed_counted);
     TEST_ASSERT_TRUE(malformed_counted > 200u * support_runs(100));
+}
+
+/* --- commands by frame --------------------------------------------------------------------- */
+
+static berth_command_code_t code;       /* of the next case */
+static can_loop_action_t code_accident; /* that happens to its frame */
+
+static void send_code(sweep_t *sweep, int64_t now_us) {
+    const can_loop_rule_t rule = {
+        .node = SWEEP_STRANGER, .count = 1, .probability = 1.0, .action = code_accident};
+    berth_can_frame_t frame;
+    (void)now_us;
+    TEST_ASSERT_TRUE(can_loop_rule(&sweep->parts->loop, &rule));
+    berth_message_encode_command(&frame, 0, code);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE,
+                          sweep->strangers[0].api->send(sweep->strangers[0].context, &frame));
+}
+
+static void emergency_stop_at(drive_sim_kind_t kind, int64_t at_us) {
+    static const can_loop_action_t accidents[] = {
+        {.deaf = 0}, {.copies = 1}, {.delay_us = 30000}, {.corrupt = true}, {.deaf = UINT32_MAX}};
+    for (size_t i = 0; i < sizeof accidents / sizeof accidents[0]; i++) {
+        char text[80];
+        const bool lost = accidents[i].deaf != 0;
+        sweep_case_t what = usual(kind);
+        code = BERTH_COMMAND_EMERGENCY_STOP;
+        code_accident = accidents[i];
+        what.strangers = 1;
+        what.acts[0] = (sweep_act_t){at_us, send_code};
+        what.may_stop = !lost;
+        what.may_carry_on = lost || too_late(kind, at_us, 31000);
+        what.reasons = REASON(EMERGENCY_STOP);
+        snprintf(text, sizeof text, "emergency stop at %.1f ms, accident %u",
+                 1.0e-3 * (double)at_us, (unsigned)i);
+        sweep_run(&what, text, &out);
+    }
+}
+
+static void test_emergency_stop_by_frame(void) {
+    sweep_time(emergency_stop_at, "an emergency stop by frame: good, doubled, late, broken, lost");
+}
+
+/* A command that the state does not allow does nothing. */
+static void wrong_command_at(drive_sim_kind_t kind, int64_t at_us) {
+    static const berth_command_code_t codes[] = {BERTH_COMMAND_ARM, BERTH_COMMAND_RESET,
+                                                 BERTH_COMMAND_START};
+    for (size_t i = 0; i < 3 && !too_late(kind, at_us, SWEEP_PERIOD_US); i++) {
+        char text[80];
+        sweep_case_t what = usual(kind);
+        code = codes[i];
+        code_accident = (can_loop_action_t){.deaf = 0};
+        what.strangers = 1;
+        what.acts[0] = (sweep_act_t){at_us, send_code};
+        snprintf(text, sizeof text, "command %u at %.1f ms", (unsigned)code,
+                 1.0e-3 * (double)at_us);
+        sweep_run(&what, text, &out);
+        TEST_ASSERT_TRUE(out.result.board.commands_refused == 1);
+    }
+}
+
+static void test_commands_out_of_place(void) {
+    sweep_time(wrong_command_at, "a command that the state does not allow");
 }
 
 /* --- the drives' own watchdogs -------------------------------------------------------------- */
@@ -393,7 +480,7 @@ static void test_without_the_bus_the_drives_stop(void) {
     for (int kind = 0; kind < SWEEP_KINDS; kind++) {
         for (size_t b = 0; b < BREAKS; b++) {
             sweep_case_t what = sweep_case((drive_sim_kind_t)kind);
-            const int64_t at_us = 1500000;
+            const int64_t at_us = 1505000; /* just after the commands have got through */
             what.acts[0] = (sweep_act_t){at_us, breaks[b].begins};
             what.may_stop = true;
             what.may_carry_on = false;
@@ -426,6 +513,8 @@ int main(void) {
     RUN_TEST(test_bus_broken);
     RUN_TEST(test_babble);
     RUN_TEST(test_malformed);
+    RUN_TEST(test_emergency_stop_by_frame);
+    RUN_TEST(test_commands_out_of_place);
     RUN_TEST(test_without_the_bus_the_drives_stop);
     sweep_end();
     return UNITY_END();
