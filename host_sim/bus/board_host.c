@@ -17,22 +17,30 @@ static const struct argp_option option_table[] = {
      "0: "
      "not watched (0)",
      0},
+    {"late", BOARD_LATE, "MS", 0,
+     "A control step later than this: fault, 1 to 10000 (three periods)", 0},
     {0},
 };
 
+static uint32_t parse_ms(const char *name, const char *argument, uint32_t least, uint32_t most,
+                         struct argp_state *state) {
+    uint64_t count = 0;
+    if (!number_parse_count(argument, most, &count) || count < least) {
+        argp_error(state, "--%s: '%.40s' is not possible (allowed: an integer from %u to %u)", name,
+                   argument, (unsigned)least, (unsigned)most);
+    }
+    return (uint32_t)count;
+}
+
 static error_t parse_option(int key, char *argument, struct argp_state *state) {
     board_options_t *options = state->input;
-    uint64_t count = 0;
     double value = 0.0;
     switch (key) {
     case BOARD_FIX_TIMEOUT:
-        if (!number_parse_count(argument, 3600000, &count)) {
-            argp_error(state,
-                       "--fix-timeout: '%.40s' is not possible (allowed: an integer from 0 to "
-                       "3600000)",
-                       argument);
-        }
-        options->fix_timeout_ms = (uint32_t)count;
+        options->fix_timeout_ms = parse_ms("fix-timeout", argument, 0, 3600000, state);
+        return 0;
+    case BOARD_LATE:
+        options->late_ms = parse_ms("late", argument, 1, 10000, state);
         return 0;
     case BOARD_FOLLOWING:
         if (!number_parse(argument, &value) || (value != 0.0 && (value < 0.01 || value > 1000.0))) {
@@ -64,6 +72,9 @@ bool board_host_make(board_host_t *host, const board_recipe_t *recipe, int64_t n
         strategy_constrain(&config.controller, &recipe->scenario, &host->workspace);
         config.supervisor.fix_timeout_us = recipe->options.fix_timeout_ms * 1000u;
         config.supervisor.following_radps = (float)recipe->options.following_radps;
+        if (recipe->options.late_ms > 0) {
+            config.supervisor.period_late_us = recipe->options.late_ms * 1000u;
+        }
         const berth_error_t result =
             berth_board_init(&host->board, &host->plan.plan, &config, now_us, &refusal);
         if (result != BERTH_OK) {
@@ -95,8 +106,12 @@ char *board_recipe_text(const board_recipe_t *recipe, scenario_error_t *error) {
     char following[NUMBER_TEXT_MAX];
     number_text(recipe->options.following_radps, following, sizeof following);
     bus_setup_print(&recipe->setup, file);
-    fprintf(file, "--fix-timeout=%u\n--following=%s\n\n", (unsigned)recipe->options.fix_timeout_ms,
+    fprintf(file, "--fix-timeout=%u\n--following=%s\n", (unsigned)recipe->options.fix_timeout_ms,
             following);
+    if (recipe->options.late_ms > 0) {
+        fprintf(file, "--late=%u\n", (unsigned)recipe->options.late_ms);
+    }
+    fputc('\n', file);
     bool good = scenario_print(&recipe->scenario, file, error);
     if (fclose(file) != 0 && good) {
         good = refuse(error, "out of memory");

@@ -14,10 +14,11 @@
 typedef struct {
     uint32_t fix_timeout_ms; /* 0: dead reckoning is allowed */
     double following_radps;  /* 0: not watched */
+    uint32_t late_ms;        /* 0: three periods */
 } board_options_t;
 
 /* Keys of its options, beyond the programs' own and bus_setup.h's. */
-enum { BOARD_FIX_TIMEOUT = 0x500, BOARD_FOLLOWING };
+enum { BOARD_FIX_TIMEOUT = 0x500, BOARD_FOLLOWING, BOARD_LATE };
 
 /* {&board_options_argp, 0, "Supervision:", 0} among the children; its input is board_options_t. */
 extern const struct argp board_options_argp;

@@ -11,6 +11,7 @@
 #include "summary.h"
 
 #include <errno.h>
+#include <math.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -268,20 +269,26 @@ static void arm(session_t *session, int64_t now_us) {
     }
 }
 
+/* Periods of the run. One more is driven, so that whoever watches sees the last one whole. */
+static int64_t run_periods(const session_t *session) {
+    const options_t *options = session->options;
+    const scenario_t *scenario = &options->recipe.scenario;
+    const double time_s = options->time_s > 0.0 ? options->time_s : scenario->duration_s;
+    return (int64_t)llround(time_s / scenario->period_s) + 1;
+}
+
 /* Arms, starts and stops by itself. */
 static void drive_along(session_t *session, int64_t now_us) {
-    const options_t *options = session->options;
-    const berth_supervisor_state_t state = berth_board_status(&session->host.board)->state;
+    const berth_board_t *board = &session->host.board;
+    const berth_supervisor_state_t state = berth_board_status(board)->state;
     const bool started = session->started_us >= 0;
-    const double time_s =
-        options->time_s > 0.0 ? options->time_s : options->recipe.scenario.duration_s;
     if (!session->armed) {
         arm(session, now_us);
     } else if (state == BERTH_SUPERVISOR_ARMED && !started) {
         command(session, BERTH_COMMAND_START, now_us);
         session->started_us = now_us;
-    } else if (state == BERTH_SUPERVISOR_RUNNING &&
-               now_us - session->started_us >= (int64_t)(1.0e6 * time_s)) {
+    } else if (state == BERTH_SUPERVISOR_RUNNING && !board->starting &&
+               (int64_t)board->controller.reference.total >= run_periods(session)) {
         command(session, BERTH_COMMAND_STOP, now_us);
     } else if (state == BERTH_SUPERVISOR_IDLE && started) {
         session->released_idle = true;

@@ -14,6 +14,9 @@
 #define SIM_HEARTBEAT_US 100000
 #define SIM_WATCHDOG_US 250000
 
+/* For cia402 it is also the time after which a drive stops because it does not hear us. */
+#define CIA402_HEARTBEAT_US 200000
+
 /* Beyond the least C - R for obstacles from the bus, and their G - C. */
 #define REGION_MARGIN_M 0.01
 #define REGION_REGULATED_M 0.2
@@ -39,7 +42,10 @@ static const struct argp_option option_table[] = {
     {"feedback-timeout", BUS_SETUP_FEEDBACK_TIMEOUT, "MS", 0,
      "Without speed feedback for so long: fault, 1 to 10000 (100, or three periods)", 0},
     {"heartbeat-timeout", BUS_SETUP_HEARTBEAT_TIMEOUT, "MS", 0,
-     "Without a heartbeat for so long: fault, 1 to 10000 (500, or three periods)", 0},
+     "Without a heartbeat for so long: fault, 1 to 10000 (500, or three periods; cia402: 200, and "
+     "the "
+     "drives stop when they do not hear the board for so long)",
+     0},
     {"enable-timeout", BUS_SETUP_ENABLE_TIMEOUT, "MS", 0,
      "Not enabled after so long: fault, 1 to 60000 (5000)", 0},
     {"address", BUS_SETUP_ADDRESS, "N", 0, "Of this robot in Berth's own frames, 0 to 255 (0)", 0},
@@ -471,6 +477,10 @@ static void fill_drive(const bus_setup_t *setup, int side, berth_drive_config_t 
     drive->velocity_units_per_rps = (float)setup->velocity_units_per_rps;
     if (setup->feedback_timeout_us > 0) {
         drive->feedback_timeout_us = setup->feedback_timeout_us;
+    }
+    if (setup->drive == DRIVE_SIM_CIA402 && drive->heartbeat_timeout_us > CIA402_HEARTBEAT_US &&
+        3 * drive->period_us <= CIA402_HEARTBEAT_US) {
+        drive->heartbeat_timeout_us = CIA402_HEARTBEAT_US;
     }
     if (setup->heartbeat_timeout_us > 0) {
         drive->heartbeat_timeout_us = setup->heartbeat_timeout_us;

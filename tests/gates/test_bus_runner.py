@@ -234,6 +234,30 @@ def test_a_machine_that_hangs_is_ended_with_all_it_started(machine, tmp_path, ca
             time.sleep(0.1)
 
 
+def test_a_machine_that_does_not_come_up_is_booted_anew(machine, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_PROCESSOR_S", 0.5)
+    marked = 'for last; do :; done; mark=$(sed -n "s/^: >//p" ${last#sh })'
+    spin = f"test -e {tmp_path}/second || {{ : >{tmp_path}/second; while :; do :; done; }}"
+    assert emulate(machine, f"{marked}\n{spin}\n: >$mark; echo up; exit 5") == 5
+    told = capfd.readouterr()
+    assert told.out == "up\n"
+    assert told.err == "vcan-shell: the emulated machine does not come up: ended\n"
+
+
+def test_a_machine_that_never_comes_up_is_given_up(machine, capfd, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_S", 0.2)
+    assert emulate(machine, "sleep 60") == vcan_common.CANNOT_RUN
+    assert "did not come up, 3 times" in capfd.readouterr().err
+
+
+def test_a_busy_command_is_no_hung_machine(machine, tmp_path, monkeypatch):
+    monkeypatch.setattr(vcan_guest, "BOOT_PROCESSOR_S", 0.3)
+    monkeypatch.setattr(vcan_guest, "BOOT_S", 0.3)
+    marked = 'for last; do :; done; mark=$(sed -n "s/^: >//p" ${last#sh }); : >$mark'
+    busy = "i=0; while [ $i -lt 800000 ]; do i=$((i+1)); done"
+    assert emulate(machine, f"{marked}\n{busy}; exit 3") == 3
+
+
 def test_what_is_missing_is_named(machine, capfd, monkeypatch):
     monkeypatch.setattr(vcan_guest, "search_path", lambda: "/nowhere")
     assert emulate(machine, "") == vcan_common.CANNOT_RUN
@@ -278,3 +302,75 @@ def test_the_state_of_an_interface(tmp_path):
     assert states == ["up", "down", "absent"]
     with pytest.raises(vcan_common.Trouble, match="vcan2"):
         vcan_direct.state("vcan2", tmp_path)
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """The running kernel: what is there, who we are, and which commands work."""
+
+    def set_up(states, root, kernel_has_vcan=True, works=lambda command: True):
+        monkeypatch.setattr(vcan_direct, "state", lambda name: states.get(name, "absent"))
+        monkeypatch.setattr(vcan_direct, "as_root", lambda: root)
+        monkeypatch.setattr(vcan_direct, "kernel_offers_vcan", lambda: kernel_has_vcan)
+        done = []
+
+        def succeeds(command):
+            done.append([Path(word).name if word.startswith("/") else word for word in command])
+            return works(done[-1])
+
+        monkeypatch.setattr(vcan_direct, "succeeds", succeeds)
+        return done
+
+    return set_up
+
+
+def test_interfaces_that_are_up_need_no_root(here):
+    done = here({"vcan0": "up", "vcan1": "up"}, root=None)
+    plan, _ = vcan_direct.plan(2, private=False)
+    with plan:
+        assert plan.wrap(["x"]) == ["x"]
+    assert done == []
+
+
+@pytest.mark.parametrize("kernel_has_vcan", [True, False])
+def test_without_root_the_kernel_is_emulated_and_the_reason_told(kernel_has_vcan, here):
+    here({"vcan0": "up"}, None, kernel_has_vcan)
+    plan, why_not = vcan_direct.plan(2, private=False)
+    assert plan is None
+    assert why_not.surprising == kernel_has_vcan
+    assert ("root" in why_not.text) == kernel_has_vcan
+
+
+def test_what_was_made_is_removed_and_no_more(here):
+    done = here({"vcan0": "up", "vcan1": "down"}, root=["sudo", "-n"])
+    plan, _ = vcan_direct.plan(3, private=False)
+    made = [command[2:] for command in done if "ip" in command]
+    assert made == [
+        ["ip", "link", "set", "vcan1", "txqueuelen", "1000", "up"],
+        ["ip", "link", "add", "vcan2", "type", "vcan"],
+        ["ip", "link", "set", "vcan2", "txqueuelen", "1000", "up"],
+    ]
+    del done[:]
+    with plan:
+        assert done == []
+    assert [command[2:] for command in done] == [
+        ["ip", "link", "del", "vcan2"],
+        ["ip", "link", "set", "vcan1", "down"],
+    ]
+
+
+def test_a_kernel_without_vcan_leaves_nothing_behind(here):
+    done = here({}, [], works=lambda command: command[:3] != ["ip", "link", "add"])
+    assert vcan_direct.plan(2, private=False)[0] is None
+    assert ["ip", "link", "del", "vcan0"] not in done
+    done = here({}, [], works=lambda command: command[:4] != ["ip", "link", "add", "vcan1"])
+    assert vcan_direct.plan(2, private=False)[0] is None
+    assert done[-1] == ["ip", "link", "del", "vcan0"]
+
+
+def test_private_interfaces_keep_the_environment_under_sudo(here):
+    here({"vcan0": "up"}, root=["sudo", "-n"])
+    plan, _ = vcan_direct.plan(1, private=True)
+    command = plan.wrap(["program", "argument"])
+    assert command[:3] == ["sudo", "-n", "--preserve-env"]
+    assert "--net" in command and command[-2:] == ["program", "argument"]

@@ -4,6 +4,7 @@
 
 #include "bxcan.h"
 #include "bxcan_model.h"
+#include "rig_clock.h"
 
 #include "unity.h"
 
@@ -19,24 +20,6 @@ typedef struct {
     bxcan_regs_t *block;
     bxcan_config_t config;
 } bxcan_rig_t;
-
-typedef struct {
-    int64_t now_us;
-    int64_t step_us; /* by which each look at it advances it */
-} rig_clock_t;
-
-static rig_clock_t rig_time;
-
-static int64_t rig_now_us(void *context) {
-    rig_clock_t *clock = context;
-    clock->now_us += clock->step_us;
-    return clock->now_us;
-}
-
-static inline berth_clock_t rig_clock(void) {
-    static const berth_clock_api_t api = {rig_now_us, NULL};
-    return (berth_clock_t){&api, &rig_time};
-}
 
 static inline void bxcan_rig_init(bxcan_rig_t *rig, uint32_t number) {
     memset(rig, 0, sizeof *rig);
@@ -65,8 +48,5 @@ static inline void bxcan_rig_interrupts(bxcan_rig_t *rig) {
     }
     TEST_FAIL_MESSAGE("an interrupt that does not end");
 }
-
-#define RIG_VIOLATIONS(rig)                                                                        \
-    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, (rig)->model.violations, (rig)->model.violation)
 
 #endif

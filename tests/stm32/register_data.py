@@ -73,31 +73,33 @@ ITEM = re.compile(
     re.DOTALL,
 )
 SET = re.compile(r'FieldSet \{\s*name: "(\w+)",(.*?)(?=FieldSet \{|enums: |\Z)', re.DOTALL)
-FIELD = re.compile(
-    r'Field \{\s*name: "(?P<name>\w+)",.*?offset: (?P<shift>\d+).*?bit_size: (?P<bits>\d+)'
-    r",\s*array: (?P<array>None|Some.*?\}\)\))",
-    re.DOTALL,
+FIELD_PARTS = re.compile(
+    r'name: "(?P<name>\w+)".*?offset: (?P<shift>\d+).*?bit_size: (?P<bits>\d+)', re.DOTALL
 )
 
 
-def array_of(text):
-    """(length, stride) of an array; None without one."""
-    found = re.search(r"len: (\d+),\s*stride: (\d+)", text)
-    return (int(found[1]), int(found[2])) if found else None
+def places_of(text):
+    """Where the elements of an array are, beyond the first; None where there is no array."""
+    regular = re.search(r"len: (\d+),\s*stride: (\d+)", text)
+    if regular:
+        return [int(regular[2]) * index for index in range(int(regular[1]))]
+    listed = re.search(r"offsets: &\[([\d,\s]+)\]", text)
+    return [int(place) for place in re.findall(r"\d+", listed[1])] if listed else None
 
 
 def crate_fields(text):
     fields = {}
-    for field in FIELD.finditer(text):
-        array = array_of(field["array"]) or (1, 0)
-        for index in range(array[0]):
-            name = field["name"].upper() + (str(index) if array[0] > 1 else "")
-            fields[name] = (int(field["shift"]) + index * array[1], int(field["bits"]))
+    for part in re.split(r"\bField \{", text)[1:]:
+        field = FIELD_PARTS.search(part)
+        places = places_of(part)
+        for index, place in enumerate(places or [0]):
+            name = field["name"].upper() + (str(index) if places else "")
+            fields[name] = (int(field["shift"]) + place, int(field["bits"]))
     return fields
 
 
 def crate_blocks(table):
-    """{block: [(name, offset, array, field set or None)]} and {field set: fields} of a table."""
+    """{block: [(name, offset, places, field set, inner block)]} and {field set: fields} of a table."""
     text = (fetched() / "metapac" / f"{table}.rs").read_text()
     blocks, _, sets = text.partition("fieldsets: &[")
     found = {}
@@ -108,7 +110,7 @@ def crate_blocks(table):
             fieldset = re.search(r'fieldset: Some\(\s*"(\w+)"', item["inner"])
             inner = re.search(r'block: "(\w+)"', item["inner"])
             found[name].append((
-                item["name"], int(item["offset"]), array_of(item["rest"]),
+                item["name"], int(item["offset"]), places_of(item["rest"]),
                 fieldset[1] if fieldset else None, inner[1] if inner else None,
             ))
     return found, {name: crate_fields(body) for name, body in SET.findall(sets)}
@@ -121,11 +123,10 @@ def crate_registers(table):
     found = {}
 
     def add(block, base, suffix):
-        for name, offset, array, fieldset, inner in blocks[block]:
-            length, stride = array or (1, 0)
-            for index in range(length):
-                own = suffix + (str(index) if array else "")
-                at = base + offset + index * stride
+        for name, offset, places, fieldset, inner in blocks[block]:
+            for index, place in enumerate(places or [0]):
+                own = suffix + (str(index) if places else "")
+                at = base + offset + place
                 if inner:
                     add(inner, at, own)
                 else:
@@ -149,7 +150,7 @@ def chip_interrupts(chip):
 # ---- Ours ------------------------------------------------------------------------------------
 
 STRUCT = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
-MEMBER = re.compile(r"^\s*(?:volatile )?(\w+) (\w+)(?:\[(\w+)\])?;", re.MULTILINE)
+MEMBER = re.compile(r"^\s*(?:volatile )?(\w+) (\w+)(?:\[([\w* ]+)\])?;", re.MULTILINE)
 MASK = re.compile(r"^#define (\w+) STM32_(?:BIT\((\d+)\)|FIELD\((\d+), (\d+)\))", re.MULTILINE)
 VALUE = re.compile(r"^#define (\w+) (0x[0-9a-f]+|\d+)u?$", re.MULTILINE)
 
@@ -170,15 +171,24 @@ def values(text):
     return {name: number(value) for name, value in VALUE.findall(text)}
 
 
+def evaluate(text, product):
+    """A product of numbers and of constants that are defined there."""
+    result = 1
+    for factor in product.split("*"):
+        factor = factor.strip()
+        digits = re.fullmatch(r"(\d+)u?", factor)
+        result *= int(digits[1]) if digits else values(text)[factor]
+    return result
+
+
 def members(text, struct):
     """Paths of all registers of a struct, with arrays and structs inside spelled out."""
     structs = {name: body for body, name in STRUCT.findall(text)}
-    constants = values(text)
     paths = []
     for kind, name, length in MEMBER.findall(structs[struct]):
         if name.startswith("reserved"):
             continue
-        count = int(length) if length.isdigit() else constants[length] if length else 0
+        count = evaluate(text, length) if length else 0
         places = [f"{name}[{i}]" for i in range(count)] if length else [name]
         for place in places:
             if kind == "uint32_t":

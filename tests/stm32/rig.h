@@ -90,4 +90,8 @@ static inline berth_can_frame_t frame_near(const berth_can_filter_t *filter) {
     return frame;
 }
 
+/* What the model saw that the manual forbids. */
+#define RIG_VIOLATIONS(rig)                                                                        \
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, (rig)->model.violations, (rig)->model.violation)
+
 #endif

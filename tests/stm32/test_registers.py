@@ -18,6 +18,16 @@ def bxcan_name(path):
     return f"F{index}R{half}" if half else f"{mailbox.upper()}{index}R"
 
 
+def fdcan_name(path):
+    """The data's name of a member of fdcan_regs_t: FIFOs are an array there."""
+    return re.sub(r"^RXF(\d)([SA])$", r"RXF\2\1", path.upper())
+
+
+def fdcan_field(field):
+    """Likewise of a field; RF0N is element 0 of RFN, and F0FL is FFL of FIFO 0's register."""
+    return re.sub(r"^F0(FL|GI|AI)$", r"F\1", re.sub(r"^RF(\d)([NFL]E?)$", r"RF\2\1", field))
+
+
 def plain_name(path):
     return re.sub(r"\[(\d+)\]", r"\1", path).upper()
 
@@ -25,9 +35,9 @@ def plain_name(path):
 class Block:
     """A struct of ours, its macros' prefix, and what it is held against."""
 
-    def __init__(self, header, struct, prefix, published, name=plain_name):
+    def __init__(self, header, struct, prefix, published, name=plain_name, field=str):
         self.header, self.struct, self.prefix = header, struct, prefix
-        self.published, self.name = published, name
+        self.published, self.name, self.field = published, name, field
 
     def registers_of(self, register):
         """Paths whose fields macros named after this register are about."""
@@ -37,7 +47,11 @@ class Block:
 
 BLOCKS = [
     Block("bxcan_regs.h", "bxcan_regs_t", "BXCAN", lambda: data.svd_registers("CAN1"), bxcan_name),
+    Block("fdcan_regs.h", "fdcan_regs_t", "FDCAN", lambda: data.crate_registers("can_fdcan_v1"),
+          fdcan_name, fdcan_field),
 ]
+# Their fields are in no data.
+MESSAGE_RAM = {"ELEMENT0", "ELEMENT1", "STANDARD", "EXTENDED0", "EXTENDED1"}
 F4_HEADERS = ["bxcan_regs.h"]
 IDS = [block.struct for block in BLOCKS]
 
@@ -58,17 +72,24 @@ def test_fields(block):
     checked = 0
     for macro, place in data.masks(data.header(block.header)).items():
         prefix, register, field = macro.split("_", 2)
-        if prefix != block.prefix:
+        if prefix != block.prefix or register in MESSAGE_RAM:
             continue
         paths = block.registers_of(register)
         assert paths, f"{macro} is about no register of {block.struct}"
         for path in paths:
             checked += 1
             theirs = published[block.name(path)][1]
-            if theirs.get(field) != place:
-                wrong.append((macro, path, place, theirs.get(field)))
+            if theirs.get(block.field(field)) != place:
+                wrong.append((macro, path, place, theirs.get(block.field(field))))
     assert wrong == []
     assert checked >= 4
+
+
+def test_message_ram(tmp_path):
+    offsets = data.offsets("fdcan_regs.h", "fdcan_ram_t", COMPILER, tmp_path)
+    published = data.crate_registers("fdcanram_v1")
+    assert offsets == {path: published[plain_name(path)][0] for path in offsets}
+    assert len(offsets) == len(published)
 
 
 def constants(headers, suffix):
@@ -85,6 +106,20 @@ def test_f4_addresses():
     assert ours == {macro: data.svd_address(name) for macro, name in names.items()}
     chip = data.chip_addresses("stm32f405rg")
     assert ours == {macro: chip[name] for macro, name in names.items()}
+
+
+def test_g4_addresses_and_interrupts():
+    text = data.header("fdcan_regs.h")
+    addresses = {name: value for name, value in data.values(text).items() if "_ADDRESS" in name}
+    interrupts = {name: value for name, value in data.values(text).items() if "_IRQ" in name}
+    chip = data.chip_addresses("stm32g474re")
+    numbers = data.chip_interrupts("stm32g474re")
+    assert len(addresses) == 6
+    for name, value in addresses.items():
+        assert chip[name.removeprefix("STM32G4_").removesuffix("_ADDRESS")] == value
+    assert len(interrupts) == 3
+    for name, value in interrupts.items():
+        assert numbers[name.removeprefix("STM32G4_").removesuffix("_IRQ")] == value
 
 
 def test_f4_interrupts():

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import termios
 import threading
+import time
 import tty
 from pathlib import Path
 
@@ -27,6 +28,11 @@ NEEDED = {
 }
 # Loaded ahead, because a socket that has to wait for its module waits for half a second.
 MODULES = ("can", "can_raw", "can_bcm", "vcan")
+# A boot takes 10 s of processor time on an idle host, and several times that on a crowded one.
+BOOT_PROCESSOR_S = 90.0
+BOOT_S = 900.0
+BOOTS = 3
+HUNG = -1000
 # Of no use on another machine, or harmful.
 NOT_PASSED = {"_", "PWD", "OLDPWD", "SHLVL"}
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -35,6 +41,7 @@ LAUNCH = """\
 #!/bin/sh
 # Prepares the emulated machine, then becomes the command.
 PATH={path}
+: >{mark}
 trouble() {{ echo "vcan-shell: in the emulated machine: $*" >&2; exit 125; }}
 for module in {modules}; do
     modprobe "$module" || trouble "modprobe $module failed"
@@ -101,7 +108,7 @@ def check():
         raise Trouble("not installed: " + ", ".join(lines) + "; run tools/setup test")
 
 
-def launch_script(command, buses):
+def launch_script(command, buses, mark):
     passed = {key: value for key, value in os.environ.items() if key not in NOT_PASSED}
     passed["BERTH_VCAN"] = "vcan0"
     passed["BERTH_VCAN_BUSES"] = str(buses)
@@ -112,6 +119,7 @@ def launch_script(command, buses):
         modules=" ".join(MODULES),
         names=" ".join(interfaces(buses)),
         queue=QUEUE_LENGTH,
+        mark=shlex.quote(str(mark)),
         folder=shlex.quote(os.getcwd()),
         exports="\n".join(f"export {key}={shlex.quote(passed[key])}" for key in names),
         command=shlex.join(command),
@@ -132,7 +140,7 @@ def vng_command(options, kernel, script):
     the guest's clock usable when it is emulated."""
     command = ["vng", "--run", str(kernel), "--disable-microvm", "--force-9p"]
     command += ["--memory", "1G", "--cpus", "2", "--user", "root"]
-    command += [f"--rwdir={folder}" for folder in shared_folders(options)]
+    command += [f"--rwdir={folder}" for folder in [*shared_folders(options), script.parent]]
     if not options.kvm:
         command += ["--disable-kvm"]
         command += ["--append", "tsc=reliable clocksource=tsc mitigations=off"]
@@ -179,30 +187,58 @@ class Keyboard:
 
     def __init__(self, interactive):
         self.interactive = interactive
+        self.pipe = None
 
     def __enter__(self):
         if self.interactive:
             self.settings = termios.tcgetattr(0)
             tty.setraw(0)
+            threading.Thread(target=self.copy, daemon=True).start()
         return self
 
-    def type_into(self, pipe):
-        def copy():
-            while key := os.read(0, 1024):
-                try:
-                    os.write(pipe.fileno(), key)
-                except OSError:
-                    return
-
-        if self.interactive:
-            threading.Thread(target=copy, daemon=True).start()
+    def copy(self):
+        while key := os.read(0, 1024):
+            try:
+                os.write(self.pipe.fileno(), key)
+            except (AttributeError, OSError, ValueError):
+                continue  # between two machines: typed too early
 
     def __exit__(self, *unused):
         if self.interactive:
             termios.tcsetattr(0, termios.TCSADRAIN, self.settings)
 
 
-def supervise(command, environment, timeout, keyboard):
+def processor_seconds(group):
+    """What the processes of a group have used so far."""
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == group:
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def wait(process, mark, deadline):
+    """The exit status; STOPPED at the deadline; HUNG when the machine is busy but does not come up,
+    which happens to one boot in some dozens on a crowded host."""
+    start = time.monotonic()
+    while True:
+        try:
+            return process.wait(0.1 if mark.exists() else 0.5)
+        except subprocess.TimeoutExpired:
+            now = time.monotonic()
+        if deadline is not None and now >= deadline:
+            return STOPPED
+        if not mark.exists():
+            if now - start > BOOT_S or processor_seconds(process.pid) > BOOT_PROCESSOR_S:
+                return HUNG
+
+
+def supervise(command, environment, keyboard, mark, deadline):
+    """One boot. The emulator's exit status, STOPPED or HUNG."""
     process = subprocess.Popen(
         command,
         env=environment,
@@ -211,21 +247,18 @@ def supervise(command, environment, timeout, keyboard):
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
+    keyboard.pipe = process.stdin
     relays = [
         Relay(process.stdout, sys.stdout.buffer),
         Relay(process.stderr, sys.stderr.buffer),
     ]
-    keyboard.type_into(process.stdin)
     try:
-        status = process.wait(timeout)
-    except subprocess.TimeoutExpired:
-        say(f"stopped after {timeout:g} s")
-        status = STOPPED
+        status = wait(process, mark, deadline)
     finally:
         stop(process)
     for relay in relays:
         relay.join(5.0)
-    return status if status >= 0 else 128 - status
+    return status if status >= 0 or status == HUNG else 128 - status
 
 
 def shell():
@@ -233,6 +266,20 @@ def shell():
     size = shutil.get_terminal_size()
     start = f"stty rows {size.lines} cols {size.columns}; exec bash -i"
     return ["script", "-qefc", start, "/dev/null"]
+
+
+def boot(command, environment, interactive, mark, timeout):
+    """Boots until the machine comes up, and returns how it ended."""
+    deadline = None if timeout is None else time.monotonic() + timeout
+    with Keyboard(interactive) as keyboard:
+        for _ in range(BOOTS):
+            status = supervise(command, environment, keyboard, mark, deadline)
+            if status != HUNG:
+                break
+            say("the emulated machine does not come up: ended")
+    if status == STOPPED and deadline is not None and time.monotonic() >= deadline:
+        say(f"stopped after {timeout:g} s")
+    return status
 
 
 def run(options):
@@ -243,12 +290,13 @@ def run(options):
     kernel = Path(options.kernel) if options.kernel else newest_kernel()
     if options.verbose or interactive:
         say(f"booting {kernel}; 10 to 20 s")
-    signal.signal(signal.SIGTERM, lambda *unused: sys.exit(128 + signal.SIGTERM))
     with tempfile.TemporaryDirectory(prefix="berth-vcan-") as folder:
-        script = Path(folder) / "launch"
-        script.write_text(launch_script(options.command or shell(), options.buses))
+        script, mark = Path(folder) / "launch", Path(folder) / "up"
+        script.write_text(launch_script(options.command or shell(), options.buses, mark))
         # A home of its own: a user's settings for vng do not matter here, and nothing is left.
         environment = {**os.environ, "PATH": search_path(), "HOME": folder, "TMPDIR": folder}
         command = vng_command(options, kernel, script)
-        with Keyboard(interactive) as keyboard:
-            return supervise(command, environment, options.timeout, keyboard)
+        status = boot(command, environment, interactive, mark, options.timeout)
+    if status == HUNG:
+        raise Trouble(f"{kernel} did not come up, {BOOTS} times; --verbose shows its messages")
+    return status

@@ -7,6 +7,7 @@ Python 3 of the system runs it.
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 
@@ -121,6 +122,8 @@ def run_here(plan, options):
 
 def main(arguments):
     options = parse(arguments)
+    # As an exception, so that what was made or started is cleaned up.
+    signal.signal(signal.SIGTERM, lambda *unused: sys.exit(128 + signal.SIGTERM))
     try:
         if not options.emulate:
             plan, why_not = vcan_direct.plan(options.buses, options.private)
