@@ -38,6 +38,21 @@ def svd_peripheral(name):
     raise KeyError(name)
 
 
+def joined(fields):
+    """With fields that are written down bit by bit (SW0, SW1) also as one (SW)."""
+    groups = {}
+    for field, (shift, bits) in fields.items():
+        found = re.fullmatch(r"(.*?)(\d+)", field)
+        if found and bits == 1:
+            groups.setdefault(found[1], {})[int(found[2])] = shift
+    whole = {
+        name: (places[0], len(places))
+        for name, places in groups.items()
+        if places == {index: places.get(0, -1) + index for index in range(len(places))}
+    }
+    return whole | fields
+
+
 def svd_registers(name):
     """{register: (offset, {field: (shift, bits)})}"""
     peripheral = svd_peripheral(name)
@@ -46,12 +61,12 @@ def svd_registers(name):
     return {
         register.findtext("name"): (
             number(register.findtext("addressOffset")),
-            {
+            joined({
                 field.findtext("name"): (
                     number(field.findtext("bitOffset")), number(field.findtext("bitWidth"))
                 )
                 for field in register.iter("field")
-            },
+            }),
         )
         for register in peripheral.iter("register")
     }
@@ -62,7 +77,10 @@ def svd_address(name):
 
 
 def svd_interrupts():
-    return {i.findtext("name"): number(i.findtext("value")) for i in svd().iter("interrupt")}
+    return {
+        i.findtext("name").removesuffix("_IRQ"): number(i.findtext("value"))
+        for i in svd().iter("interrupt")
+    }
 
 
 # ---- STM32G4: tables of a crate --------------------------------------------------------------
