@@ -260,7 +260,8 @@ static float seconds(const berth_drive_t *drive, int64_t from_us, int64_t to_us)
     int64_t span_us = to_us - from_us;
     span_us = span_us > longest_us ? longest_us : span_us;
     span_us = span_us < -longest_us ? -longest_us : span_us;
-    return (float)span_us * SECONDS_PER_US;
+    /* It fits, and 64 bits become a float by way of double on processors without a float unit. */
+    return (float)(int32_t)span_us * SECONDS_PER_US;
 }
 
 static void travel_by(berth_drive_t *drive, float angle_rad) {
