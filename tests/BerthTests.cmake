@@ -4,9 +4,9 @@
 #   BERTH_SOURCE_DIR, BERTH_BUILD_DIR   this tree and the build's folder
 #   BERTH_SIM, BERTH_GEN, BERTH_BOARD, BERTH_ROBOT    the programs, when they are built
 #   BERTH_CC                            the build's C compiler
-#   BERTH_TEST_EFFORT                   full; short under sanitizers and for extra builds
-set(BERTH_TEST_EFFORT full CACHE STRING "full, or short: fewer random runs in the tests")
-set_property(CACHE BERTH_TEST_EFFORT PROPERTY STRINGS full short)
+#   BERTH_TEST_EFFORT                   full; short under sanitizers and for extra builds; or
+#                                       a number n: the n-th part
+set(BERTH_TEST_EFFORT full CACHE STRING "full, short or N (an N-th): fewer random runs in the tests")
 
 set(berth_test_environment
     BERTH_SOURCE_DIR=${PROJECT_SOURCE_DIR}

@@ -34,11 +34,14 @@ uint32_t support_index(uint32_t count) {
 
 uint32_t support_runs(uint32_t full) {
     const char *effort = getenv("BERTH_TEST_EFFORT");
-    const bool is_short = effort != NULL && strcmp(effort, "short") == 0;
-    if (!is_short) {
-        return full;
+    uint32_t part = 1;
+    if (effort != NULL && strcmp(effort, "full") != 0) {
+        part = strcmp(effort, "short") == 0 ? 10 : (uint32_t)strtoul(effort, NULL, 10);
     }
-    return full > 10 ? full / 10 : 1;
+    if (part == 0) {
+        abort();
+    }
+    return full > part ? full / part : 1;
 }
 
 berth_mpc_t support_mpc(void) {

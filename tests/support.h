@@ -20,7 +20,8 @@ double support_uniform(double low, double high);     /* in [low, high) */
 double support_log_uniform(double low, double high); /* its logarithm is uniform */
 uint32_t support_index(uint32_t count);              /* 0 to count - 1 */
 
-/* How often to repeat: full, or a tenth of it (at least 1) where BERTH_TEST_EFFORT is short. */
+/* How often to repeat: full; where BERTH_TEST_EFFORT is short a tenth of it, where it is a number n
+ * the n-th part, at least 1. */
 uint32_t support_runs(uint32_t full);
 
 /* A plan with the memory for it. Not to be copied: the plan points into it. */

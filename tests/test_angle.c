@@ -3,6 +3,7 @@
  * usage: test_angle [SEED]    seed of the random arguments
  */
 #include "berth/angle.h"
+#include "support.h"
 #include "unity.h"
 
 #include <float.h>
@@ -218,6 +219,11 @@ static const float EDGES[] = {0.0f,
                               FLT_MAX};
 #define EDGE_COUNT (sizeof EDGES / sizeof EDGES[0])
 
+/* Regular steps through a range are as much coarser as random runs are fewer. */
+static int stride(void) {
+    return (int)(100u / support_runs(100));
+}
+
 void setUp(void) {}
 
 void tearDown(void) {}
@@ -225,7 +231,7 @@ void tearDown(void) {}
 /* Between -pi and pi nothing changes, not even the sign of zero. */
 static void test_wrapped_angles_stay(void) {
     uint64_t state = seed;
-    for (int i = 0; i < 300000; i++) {
+    for (uint32_t i = 0; i < support_runs(300000); i++) {
         const float x = random_in(&state, -(double)BELOW_PI, (double)BELOW_PI);
         expect_same("wrap", x, berth_wrap(x), x, 0.0f);
     }
@@ -240,7 +246,7 @@ static void test_wrapped_angles_stay(void) {
 /* Around odd multiples of pi the number of turns is hard to tell: take the neighbours of each. */
 static void test_wrap_near_half_turns(void) {
     worst_t worst = {0};
-    for (int k = 1; k < 5300; k += 2) {
+    for (int k = 1; k < 5300; k += 2 * stride()) {
         const uint32_t middle = bits_of((float)(k * PI));
         for (uint32_t bits = middle - 6u; bits <= middle + 6u; bits++) {
             note(&worst, wrap_error(float_of(bits)), float_of(bits), 0.0f);
@@ -252,10 +258,11 @@ static void test_wrap_near_half_turns(void) {
 static void test_wrap_up_to_many_turns(void) {
     worst_t worst = {0};
     uint64_t state = seed;
-    for (uint32_t bits = bits_of(BELOW_PI); bits < bits_of(9.5f); bits += 29u) {
+    for (uint32_t bits = bits_of(BELOW_PI); bits < bits_of(9.5f);
+         bits += 29u * (uint32_t)stride()) {
         note(&worst, wrap_error(float_of(bits)), float_of(bits), 0.0f);
     }
-    for (int i = 0; i < 500000; i++) {
+    for (uint32_t i = 0; i < support_runs(500000); i++) {
         const float x = random_in(&state, -17000.0, 17000.0);
         note(&worst, wrap_error(x), x, 0.0f);
     }
@@ -267,7 +274,7 @@ static void test_wrap_and_sincos_at_every_exponent(void) {
     worst_t sincos = {0};
     uint64_t state = seed;
     for (uint32_t exponent = 0; exponent < 255u; exponent++) {
-        for (int i = 0; i < 2000; i++) {
+        for (uint32_t i = 0; i < support_runs(2000); i++) {
             const float x = float_of((next_random(&state) & 0x807fffffu) | exponent << 23);
             note(&wrap, wrap_error(x), x, 0.0f);
             note(&sincos, sincos_error(x), x, 0.0f);
@@ -311,7 +318,7 @@ static void test_large_angles_against_many_digits(void) {
 static void test_sincos_over_some_turns(void) {
     worst_t worst = {0};
     worst_t circle = {0};
-    for (int i = 0; i <= 1200000; i++) {
+    for (int i = 0; i <= 1200000; i += stride()) {
         const float x = (float)((i - 600000) * 1.7e-5);
         float sine;
         float cosine;
@@ -326,7 +333,7 @@ static void test_sincos_over_some_turns(void) {
 
 static void test_sincos_at_multiples_of_an_eighth_turn(void) {
     worst_t worst = {0};
-    for (int k = -4000; k <= 4000; k++) {
+    for (int k = -4000; k <= 4000; k += stride()) {
         const float middle = (float)(k * PI / 4.0);
         const float around[3] = {nextafterf(middle, -INFINITY), middle,
                                  nextafterf(middle, INFINITY)};
@@ -341,7 +348,7 @@ static void test_sincos_at_multiples_of_an_eighth_turn(void) {
 static void test_small_arguments_are_relative(void) {
     worst_t worst = {0};
     uint64_t state = seed;
-    for (int i = 0; i < 100000; i++) {
+    for (uint32_t i = 0; i < support_runs(100000); i++) {
         const uint32_t exponent = 4u + next_random(&state) % 120u;
         const float x = float_of((next_random(&state) & 0x007fffffu) | exponent << 23);
         float sine;
@@ -363,14 +370,14 @@ static void test_atan2_all_around(void) {
     worst_t worst = {0};
     uint64_t state = seed;
     for (size_t s = 0; s < sizeof SCALES / sizeof SCALES[0]; s++) {
-        for (int i = 0; i < 80000; i++) {
+        for (uint32_t i = 0; i < support_runs(80000); i++) {
             const double angle = (double)random_in(&state, -PI, PI);
             const float y = (float)(sin(angle) * (double)SCALES[s]);
             const float x = (float)(cos(angle) * (double)SCALES[s]);
             note(&worst, atan2_error(y, x), y, x);
         }
     }
-    for (int i = 0; i < 300000; i++) {
+    for (uint32_t i = 0; i < support_runs(300000); i++) {
         const float y = random_finite(&state);
         const float x = random_finite(&state);
         note(&worst, atan2_error(y, x), y, x);
@@ -409,11 +416,12 @@ static void test_atan2_on_the_axes(void) {
 
 static void test_asin_over_its_range(void) {
     worst_t worst = {0};
-    for (int i = -600000; i <= 600000; i++) {
+    for (int i = -600000; i <= 600000; i += stride()) {
         const float x = (float)(i / 600000.0);
         note(&worst, asin_error(x), x, 0.0f);
     }
-    for (uint32_t bits = bits_of(1.0f) - 100000u; bits <= bits_of(1.0f); bits++) {
+    for (uint32_t bits = bits_of(1.0f) - 100000u; bits <= bits_of(1.0f);
+         bits += (uint32_t)stride()) {
         note(&worst, asin_error(float_of(bits)), float_of(bits), 0.0f);
     }
     for (size_t i = 0; i < EDGE_COUNT && EDGES[i] <= 1.0f; i++) {
@@ -445,7 +453,7 @@ static void expect_symmetric(float x, float y) {
 
 static void test_symmetry_to_the_bit(void) {
     uint64_t state = seed;
-    for (int i = 0; i < 300000; i++) {
+    for (uint32_t i = 0; i < support_runs(300000); i++) {
         const float any_x = random_finite(&state);
         const float any_y = random_finite(&state);
         expect_symmetric(any_x, any_y);

@@ -425,7 +425,9 @@ static void test_plan_count(void) {
     plan.plan.count = 1;
     accepts_header();
     berth_sample_t *many = calloc(1000000, sizeof *many);
-    TEST_ASSERT_NOT_NULL(many);
+    if (many == NULL) {
+        TEST_IGNORE_MESSAGE("no room for the longest plan (20 MB) on this board");
+    }
     plan.plan.samples = many;
     plan.plan.count = 1000000;
     accepts_header();
@@ -666,8 +668,12 @@ static void test_error_texts(void) {
     TEST_ASSERT_EQUAL_STRING("ok", berth_error_text(BERTH_OK));
     TEST_ASSERT_NOT_NULL(strstr(berth_error_text(BERTH_ERROR_POSE), "pose"));
     TEST_ASSERT_NOT_NULL(strstr(berth_error_text(BERTH_ERROR_CLEARANCE), "clearance"));
-    const int outside[] = {1, 2, BERTH_ERROR_STATE - 1, -1000, INT_MAX, INT_MIN, INT_MIN + 1};
+    const int outside[] = {1, 2, BERTH_ERROR_STATE - 1, -128, -1000, INT_MAX, INT_MIN, INT_MIN + 1};
     for (size_t i = 0; i < COUNT(outside); i++) {
+        /* An enum may be one byte wide: what it cannot hold does not arrive. */
+        if ((int)(berth_error_t)outside[i] != outside[i]) {
+            continue;
+        }
         TEST_ASSERT_EQUAL_STRING("unknown error", berth_error_text((berth_error_t)outside[i]));
     }
 }
