@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SAMPLES 150
+#define SAMPLES 120
 #define HORIZON 20
 #define STEPS 12000
 #define PERIOD_US 50000
@@ -174,13 +174,21 @@ static void move(berth_pose_t *pose, const berth_twist_t *twist) {
     pose->theta_rad += 0.05f * twist->omega_radps;
 }
 
-static berth_controller_t controller;
+/* Of one part at a time. */
+static union {
+    berth_controller_t controller;
+    berth_constrained_t constrained;
+    struct {
+        berth_drive_t drive;
+        berth_outbox_t outbox;
+    } bus;
+} state;
 
 static void put(uint16_t id, float x_m, float y_m, int64_t until_us) {
     float hard = 0.06f + 0.02f * (float)(id % 4u);
     berth_obstacle_t obstacle = {x_m, y_m, hard, hard + 0.25f, hard + 0.5f};
     berth_refusal_t refusal;
-    require(berth_controller_put_obstacle(&controller, id, &obstacle, until_us, &refusal));
+    require(berth_controller_put_obstacle(&state.controller, id, &obstacle, until_us, &refusal));
 }
 
 /* Now and then obstacles appear for a while: by the path, or all around the robot. */
@@ -222,8 +230,8 @@ static void closed_loop(const char *name, bool limited) {
         config.avoid.a_brake_mps2 = 2.0f;
     }
     berth_refusal_t refusal;
-    require(berth_controller_init(&controller, &plan, &config, &refusal));
-    require(berth_controller_start(&controller, 0));
+    require(berth_controller_init(&state.controller, &plan, &config, &refusal));
+    require(berth_controller_start(&state.controller, 0));
     begin();
     berth_pose_t pose = {0.1f, -0.1f, 0.4f};
     unsigned modes[MODES] = {0};
@@ -231,8 +239,8 @@ static void closed_loop(const char *name, bool limited) {
         berth_command_t command;
         change_obstacles(step, &pose);
         disturb(step, &pose);
-        require(berth_controller_step(&controller, step * PERIOD_US, &pose, &command));
-        const berth_status_t *status = berth_controller_status(&controller);
+        require(berth_controller_step(&state.controller, step * PERIOD_US, &pose, &command));
+        const berth_status_t *status = berth_controller_status(&state.controller);
         const float out[] = {command.twist.v_mps,           command.twist.omega_radps,
                              command.wheels.left_radps,     command.wheels.right_radps,
                              status->tracking_error.e1_m,   status->tracking_error.e2_m,
@@ -254,14 +262,14 @@ static void closed_loop(const char *name, bool limited) {
 
 /* Through kicks, its iterates included. */
 static void constrained(void) {
-    static berth_constrained_t workspace;
+    berth_constrained_t *workspace = &state.constrained;
     berth_limits_config_t config = berth_config_default(0.05f, 0.3f).limits;
     berth_refusal_t refusal;
     berth_plan_t online = plan;
     online.gains = NULL;
     online.gain_source = BERTH_GAIN_ONLINE;
     config.wheel_speed_max_radps = 9.0f;
-    require(berth_constrained_init(&workspace, &online, &config, 3.0f, &refusal));
+    require(berth_constrained_init(workspace, &online, &config, 3.0f, &refusal));
     begin();
     berth_twist_t twist = {0.0f, 0.0f};
     unsigned passes = 0;
@@ -273,10 +281,10 @@ static void constrained(void) {
         draw(r, 3);
         const berth_tracking_error_t error = {size * r[0], size * r[1], size * r[2]};
         const berth_tracker_input_t input = {&online, &reference, &sample, NULL, &error, twist};
-        twist = berth_constrained_step(&workspace, &input);
-        passes |= 1u << workspace.passes;
-        const float out[] = {twist.v_mps, twist.omega_radps, workspace.stages[7].u[0],
-                             workspace.stages[7].u[1]};
+        twist = berth_constrained_step(workspace, &input);
+        passes |= 1u << workspace->passes;
+        const float out[] = {twist.v_mps, twist.omega_radps, workspace->stages[7].u[0],
+                             workspace->stages[7].u[1]};
         take(out, sizeof out / sizeof *out);
     }
     printf("passes %x\n", passes);
@@ -287,8 +295,8 @@ static void constrained(void) {
 
 static void limits(void) {
     begin();
-    berth_limits_t state;
-    berth_limits_reset(&state);
+    berth_limits_t limiter;
+    berth_limits_reset(&limiter);
     for (int i = 0; i < 5000; i++) {
         float r[6];
         draw(r, 6);
@@ -298,7 +306,7 @@ static void limits(void) {
             0.1f + 0.09f * r[0], 0.5f + 0.4f * r[1], 1.0f + 0.9f * r[2], 2.5f + 2.0f * r[3],
             some ? 0.0f : 12.0f, some ? 1.5f : 0.0f, some ? 9.0f : 0.0f};
         berth_twist_t twist = {3.0f * r[4], 8.0f * r[5]};
-        const uint8_t acted = berth_limits_apply(&state, &config, 0.05f, avoids, &twist);
+        const uint8_t acted = berth_limits_apply(&limiter, &config, 0.05f, avoids, &twist);
         const berth_wheels_t wheels = berth_wheels_from_twist(&config, twist);
         const berth_twist_t back = berth_twist_from_wheels(&config, wheels);
         const float out[] = {twist.v_mps,        twist.omega_radps, wheels.left_radps,
@@ -310,31 +318,31 @@ static void limits(void) {
 }
 
 static void odometry(void) {
-    static berth_odometry_t state;
+    static berth_odometry_t sums;
     const berth_odometry_config_t config = {0.05f, 0.3f, 0.2f, 0.5f, 0.6f};
     berth_refusal_t refusal;
-    require(berth_odometry_init(&state, &config, &refusal));
+    require(berth_odometry_init(&sums, &config, &refusal));
     begin();
     for (int64_t i = 0; i < 6000; i++) {
         const float size = i % 100 == 0 ? 60.0f : 0.2f;
         float travel[3];
         draw(travel, 3);
-        berth_odometry_advance(&state, size * travel[0], size * travel[1]);
+        berth_odometry_advance(&sums, size * travel[0], size * travel[1]);
         if (i % 50 == 0) {
-            berth_pose_t fix = state.pose;
+            berth_pose_t fix = sums.pose;
             disturb(i, &fix);
             fix.theta_rad += 0.1f * next_unit();
-            require(berth_odometry_fix(&state, &fix, i * 10000));
+            require(berth_odometry_fix(&sums, &fix, i * 10000));
         }
         if (i % 1000 == 999) {
             const berth_pose_t pose = {900.0f * travel[0], 900.0f * travel[1], travel[2]};
-            require(berth_odometry_set(&state, &pose, i * 10000));
+            require(berth_odometry_set(&sums, &pose, i * 10000));
         }
-        const float out[] = {state.pose.x_m, state.pose.y_m, state.pose.theta_rad, state.lost_x_m,
-                             state.distance_m};
+        const float out[] = {sums.pose.x_m, sums.pose.y_m, sums.pose.theta_rad, sums.lost_x_m,
+                             sums.distance_m};
         take(out, sizeof out / sizeof *out);
     }
-    take_word(state.jumps);
+    take_word(sums.jumps);
     report("odometry");
 }
 
@@ -523,8 +531,8 @@ static void restart(berth_drive_t *drive, berth_outbox_t *outbox, uint32_t cycle
 }
 
 static void drives(const char *name, const berth_drive_protocol_t *protocol) {
-    static berth_drive_t drive;
-    static berth_outbox_t outbox;
+    berth_drive_t *drive = &state.bus.drive;
+    berth_outbox_t *outbox = &state.bus.outbox;
     berth_drive_config_t config =
         berth_board_config_default(0.05f, 0.3f, PERIOD_US / 5).drives[BERTH_LEFT];
     config.protocol = protocol;
@@ -539,29 +547,29 @@ static void drives(const char *name, const berth_drive_protocol_t *protocol) {
     config.velocity_units_per_rps = 60.0f;
     config.period_us = PERIOD_US / 5;
     berth_refusal_t refusal;
-    require(berth_drive_init(&drive, &config, &refusal));
-    berth_outbox_reset(&outbox);
+    require(berth_drive_init(drive, &config, &refusal));
+    berth_outbox_reset(outbox);
     begin();
     unsigned enabled = 0;
     for (uint32_t cycle = 0; cycle < 3000; cycle++) {
         const int64_t now_us = (int64_t)cycle * (PERIOD_US / 5);
-        restart(&drive, &outbox, cycle, now_us);
+        restart(drive, outbox, cycle, now_us);
         if (protocol == &berth_drive_cia402) {
-            peer_speak(&drive, now_us);
+            peer_speak(drive, now_us);
         }
         /* Not while a drive is being set up that is not heard through the noise. */
         const bool noisy = protocol != &berth_drive_cia402 || cycle % RESTART > 150u;
         for (int i = 0; noisy && i < 3; i++) {
-            const berth_can_frame_t frame = next_frame(&drive);
-            take_byte(berth_drive_receive(&drive, &frame, now_us));
+            const berth_can_frame_t frame = next_frame(drive);
+            take_byte(berth_drive_receive(drive, &frame, now_us));
         }
-        berth_drive_step(&drive, now_us, &outbox);
-        berth_drive_command(&drive, next_of_any_size(30.0f));
-        berth_drive_cycle(&drive, now_us, &outbox);
-        berth_drive_sync(&drive, now_us, &outbox);
-        send_all(&outbox);
-        take_drive(&drive, now_us);
-        enabled += berth_drive_status(&drive)->state == BERTH_DRIVE_ENABLED;
+        berth_drive_step(drive, now_us, outbox);
+        berth_drive_command(drive, next_of_any_size(30.0f));
+        berth_drive_cycle(drive, now_us, outbox);
+        berth_drive_sync(drive, now_us, outbox);
+        send_all(outbox);
+        take_drive(drive, now_us);
+        enabled += berth_drive_status(drive)->state == BERTH_DRIVE_ENABLED;
     }
     report(name);
     printf("enabled %u\n", enabled);

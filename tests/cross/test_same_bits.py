@@ -1,21 +1,43 @@
-"""Different compilers, optimisation levels and word sizes must compute the same bits.
+"""Different compilers, optimisation levels, word sizes and processors must compute the same bits.
 
-Compares the builds of the presets below, which tools/test makes before it runs this file.
+Compares the builds of the presets below, which tools/test makes before it runs this file. Those of
+other processors run in emulation.
 """
 
 import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-BUILD = Path(os.environ["BERTH_SOURCE_DIR"]) / "build"
+ROOT = Path(os.environ["BERTH_SOURCE_DIR"])
+BUILD = ROOT / "build"
 REFERENCE = "gcc-release"
+TARGETS = {
+    "cortex-m0plus": ("microbit", "mps2-an385"),
+    "cortex-m3": ("mps2-an385",),
+    "cortex-m4f": ("mps2-an386",),
+    "cortex-m4f-clang": ("mps2-an386",),
+    "cortex-m7": ("mps2-an500",),
+    "cortex-m33": ("mps2-an505",),
+    "rv32imafc": ("virt",),
+}
+MODES = {"track", "regulated", "conservative_turn", "conservative_go", "blocked"}
+
+sys.path.insert(0, str(ROOT / "tools" / "lib"))
+import emulate
 
 
 def bits(preset):
     program = BUILD / preset / "tests" / "berth-bits"
     return subprocess.run([program], capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return bits(REFERENCE)
 
 
 def log(preset, scenario, folder):
@@ -34,13 +56,30 @@ def log(preset, scenario, folder):
     "preset",
     ["clang-release", "gcc-debug", "clang-debug", "gcc-32", "gcc-asan", "clang-asan"],
 )
-def test_firmware_bits(preset):
-    expected = bits(REFERENCE)
+def test_firmware_bits(preset, expected):
     assert bits(preset) == expected
-    passes = int(expected.split("passes ")[1].split()[0], 16)
-    assert passes & 2 and passes & ~6, "the constrained tracker must take few passes and many"
-    modes = int(expected.split("modes ")[1].split()[0])
-    assert modes & 1 and modes & ~1, "the run must both track and avoid"
+
+
+@pytest.mark.parametrize("library", ["O2", "Os"])
+@pytest.mark.parametrize(
+    "preset, board", [(preset, board) for preset, boards in TARGETS.items() for board in boards]
+)
+def test_target_bits(preset, board, library, expected):
+    image = BUILD / preset / "tests" / "target" / f"{board}-bits-{library}.elf"
+    status, text = emulate.run(board, image)
+    assert status == 0, text
+    assert text == expected
+
+
+def test_every_mode_and_every_part_was_met(expected):
+    steps = re.findall(r"(\w+)=(\d+)", expected)
+    assert {mode for mode, _ in steps} == MODES
+    assert sum(int(count) for _, count in steps) >= 10000
+    assert min(int(count) for _, count in steps) >= 100
+    assert len(re.findall(r"^\w+ [0-9a-f]{16}$", expected, re.MULTILINE)) == 13
+    passes = int(re.search(r"^passes (\w+)$", expected, re.MULTILINE).group(1), 16)
+    assert passes & 2 and passes & ~6, "the constrained tracker takes few passes and many"
+    assert all(int(count) > 10 for count in re.findall(r"^enabled (\d+)$", expected, re.MULTILINE))
 
 
 @pytest.mark.parametrize("scenario", ["circle", "eight"])
