@@ -45,6 +45,9 @@ class Axis:
         self.node = node
         self.watchdog_s = watchdog_s
         self.speed_limit = speed_limit
+        self.power_on(now_s)
+
+    def power_on(self, now_s):
         self.motor = Motor()
         self.state = IDLE
         self.error = 0

@@ -5,11 +5,13 @@ Times are real and the machine may be emulated and busy: time-outs are long, and
 does not depend on how late a step was.
 """
 
+import functools
 import json
 import math
 import os
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import can
@@ -31,6 +33,30 @@ PATIENT = ["--feedback-timeout", "5000", "--heartbeat-timeout", "5000", "--enabl
 # A peer in Python must not keep the board waiting, and a step may come three periods late.
 PATIENT += ["--priority", "50", "--set", "period_s=0.1"]
 CANOPEN = ["--velocity-units", "60", "--counts-per-turn", "4096"]
+
+
+class Starved(Exception):
+    """The board did not get the processor in time, and said so: the machine's fault."""
+
+
+def patiently(test):
+    """Runs a test with drives as after power-on; again, up to twice, when the board was starved."""
+
+    @functools.wraps(test)
+    def attempts(*arguments, **fixtures):
+        for attempt in range(3):
+            for axis in fixtures.get("odrives", ()):
+                axis.power_on(time.monotonic())
+            for drive in fixtures.get("cia402", ()):
+                drive.motor.turns = drive.motor.speed = 0.0
+                drive.boot()
+            try:
+                return test(*arguments, **fixtures)
+            except Starved as starved:
+                print(f"attempt {attempt + 1}: {starved}")
+        raise AssertionError("the board was starved three times")
+
+    return attempts
 
 
 class Board:
@@ -59,7 +85,9 @@ class Board:
 
     def wait_until(self, condition, what):
         def holds():
-            assert self.process.poll() is None, self.process.stderr.read()
+            if self.process.poll() is not None:
+                self.told(self.process.stderr.read())
+                raise AssertionError(f"berth-board ended with {self.process.returncode}")
             return condition()
 
         wait_until(holds, 60, what)
@@ -67,7 +95,13 @@ class Board:
     def finish(self):
         """(exit status, summary, error output)"""
         out, error = self.process.communicate(timeout=90)
+        self.told(error)
         return self.process.returncode, json.loads(out) if out else None, error
+
+    def told(self, error):
+        if "control step too late" in error:
+            raise Starved(error)
+        print(error)
 
     def frames(self):
         """(id, data) in order, of what candump has written by now."""
@@ -156,10 +190,6 @@ def canopen_network():
 
 @pytest.fixture
 def cia402(canopen_network):
-    for drive in canopen_network.drives.values():
-        drive.mute_heartbeat = False
-        drive.boot()
-        drive.motor.turns = drive.motor.speed = 0.0
     return canopen_network.drives[1], canopen_network.drives[2]
 
 
@@ -179,6 +209,7 @@ def still(drives):
     return lambda: all(abs(drive.motor.speed) < 0.05 for drive in drives)
 
 
+@patiently
 def test_odrives_follow_and_every_frame_is_decoded(odrives, tmp_path):
     with odrive_board(tmp_path, "--set", "duration_s=5") as board:
         status, summary, error = board.finish()
@@ -199,6 +230,7 @@ def test_odrives_follow_and_every_frame_is_decoded(odrives, tmp_path):
     assert {"Status", "TrackingError", "Axis0_SetInputVelocity", "Axis1_Heartbeat"} <= names
 
 
+@patiently
 def test_odrives_stop_by_themselves_when_the_board_dies(odrives, tmp_path):
     with odrive_board(tmp_path) as board:
         board.wait_until(moving(odrives), "motion")
@@ -211,6 +243,7 @@ def test_odrives_stop_by_themselves_when_the_board_dies(odrives, tmp_path):
 @pytest.mark.parametrize(
     "trouble, reason", [("heartbeat", "heartbeat"), ("error", "error (code 0x40)")]
 )
+@patiently
 def test_trouble_in_one_odrive_stops_both(trouble, reason, odrives, tmp_path):
     left, right = odrives
     with odrive_board(tmp_path) as board:
@@ -226,6 +259,7 @@ def test_trouble_in_one_odrive_stops_both(trouble, reason, odrives, tmp_path):
         wait_until(still(odrives), 20, "a stand")
 
 
+@patiently
 def test_an_interrupt_stops_the_odrives(odrives, tmp_path):
     with odrive_board(tmp_path) as board:
         board.wait_until(moving(odrives), "motion")
@@ -237,6 +271,7 @@ def test_an_interrupt_stops_the_odrives(odrives, tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["3", "9"])
+@patiently
 def test_cia402_drives_follow(mode, cia402, tmp_path):
     with cia402_board(tmp_path, "--mode", mode, "--set", "duration_s=5") as board:
         status, summary, error = board.finish()
@@ -252,6 +287,7 @@ def test_cia402_drives_follow(mode, cia402, tmp_path):
     assert_pose_agrees(poses, left.motor.turns, right.motor.turns)
 
 
+@patiently
 def test_cia402_drives_stop_by_themselves_when_the_board_dies(cia402, tmp_path):
     with cia402_board(tmp_path, "--heartbeat-timeout", "2000") as board:
         board.wait_until(moving(cia402), "motion")
@@ -262,6 +298,7 @@ def test_cia402_drives_stop_by_themselves_when_the_board_dies(cia402, tmp_path):
         wait_until(still(cia402), 20, "a stand")
 
 
+@patiently
 def test_an_emergency_message_stops_both_cia402_drives(cia402, tmp_path):
     left, right = cia402
     with cia402_board(tmp_path) as board:
@@ -277,6 +314,7 @@ def test_an_emergency_message_stops_both_cia402_drives(cia402, tmp_path):
         assert right.error_code == 0
 
 
+@patiently
 def test_a_cia402_drive_that_refuses_its_set_up_is_told(cia402, tmp_path):
     cia402[1].refuse_setup = True
     try:
