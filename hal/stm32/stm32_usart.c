@@ -91,6 +91,12 @@ void stm32_usart_interrupt(stm32_usart_t *usart) {
     }
 }
 
+void stm32_usart_poll(stm32_usart_t *usart) {
+    const uint32_t before = stm32_io_mask();
+    stm32_usart_interrupt(usart);
+    stm32_io_unmask(before);
+}
+
 bool stm32_usart_has_input(const stm32_usart_t *usart) {
     return usart->losing || !is_empty(&usart->received);
 }

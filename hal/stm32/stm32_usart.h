@@ -54,6 +54,10 @@ bool stm32_usart_open(stm32_usart_t *usart, stm32f4_usart_t *regs, uint32_t cloc
 
 void stm32_usart_interrupt(stm32_usart_t *usart);
 
+/* Does what the interrupt would do, with interrupts masked for that long. Only for ports whose
+ * interrupts do not all come: an emulator's has none for sending. From the stream's context. */
+void stm32_usart_poll(stm32_usart_t *usart);
+
 byte_stream_t stm32_usart_stream(stm32_usart_t *usart);
 berth_log_t stm32_usart_log(stm32_usart_t *usart);
 

@@ -258,6 +258,23 @@ static void test_last_words_wait_for_a_while(void) {
     TEST_ASSERT_FALSE(port.tdr_full);
 }
 
+/* A port whose interrupt never comes. */
+static void test_polling_does_without_the_interrupt(void) {
+    size_t count;
+    stream.api->write(stream.context, (const uint8_t *)"abc", 3, &count);
+    line_receives('x');
+    for (int i = 0; i < 5; i++) {
+        stm32_usart_poll(&usart);
+        line_sends();
+    }
+    TEST_ASSERT_EQUAL_UINT32(3, port.sent_count);
+    TEST_ASSERT_EQUAL_MEMORY("abc", port.sent, 3);
+    uint8_t byte;
+    TEST_ASSERT_EQUAL_INT(BYTE_STREAM_DONE, reads(&byte, 1, &count));
+    TEST_ASSERT_EQUAL_HEX8('x', byte);
+    TEST_ASSERT_FALSE(io_model_masked());
+}
+
 static void strike(void *context, uint32_t number) {
     (void)context;
     (void)number;
@@ -310,6 +327,7 @@ int main(void) {
     RUN_TEST(test_a_full_receive_ring_is_told_likewise);
     RUN_TEST(test_the_log_writes_whole_lines_or_none);
     RUN_TEST(test_last_words_wait_for_a_while);
+    RUN_TEST(test_polling_does_without_the_interrupt);
     RUN_TEST(test_no_byte_is_forgotten);
     return UNITY_END();
 }
