@@ -43,6 +43,17 @@ def test_every_python_test_is_registered():
     }
 
 
+def test_every_test_of_the_firmware_runs_on_the_boards():
+    """But for those that need the host."""
+    host = (ROOT / "tests" / "CMakeLists.txt").read_text()
+    firmware = host[host.index("# The firmware.") : host.index("# The HAL.")]
+    target = (ROOT / "tests" / "target" / "CMakeLists.txt").read_text()
+    listed = set(re.findall(r"berth_add_target_test\(test_(\w+)", target))
+    listed |= set(re.search(r"foreach\(name\n([a-z0-9_ \n]+)\)", target).group(1).split())
+    names = set(re.findall(r"berth_add_test\(test_(\w+)", firmware))
+    assert names - listed == {"closed_loop", "drive_pairs", "drive_cia402_pair"}
+
+
 def test_bus_tests_are_just_those_that_need_real_interfaces():
     """The label keeps a test out of all runs but the one on real interfaces."""
     listing = json.loads(run("ctest", "--test-dir", BUILD, "--show-only=json-v1"))
