@@ -38,6 +38,9 @@ def test_every_python_test_is_registered():
     assert [path for path in forgotten if not path.startswith(("tests/cross/", "tests/target/"))] == []
     lists = (ROOT / "tests" / "target" / "CMakeLists.txt").read_text()
     names = re.search(r"foreach\(name ([a-z ]+)\)\n *add_test\(NAME target_", lists).group(1).split()
+    presets = (ROOT / "CMakePresets.json").read_text()
+    for boards in re.findall(r'"BERTH_DRIVE_BOARDS": "([^"]+)"', presets):
+        names += boards.split(";")
     assert {f"tests/target/test_{name}.py" for name in names} == {
         path for path in forgotten if path.startswith("tests/target/")
     }
