@@ -62,7 +62,7 @@ extern "C" {
 
 #define SOCKETCAN_FILTERS_MAX 64u
 #define SOCKETCAN_SENT_IDS_MAX 64u
-#define SOCKETCAN_IN_FLIGHT_MAX 256u
+#define SOCKETCAN_IN_FLIGHT_MAX 32u
 #define SOCKETCAN_NAME_MAX 15u       /* characters of an interface's name */
 #define SOCKETCAN_RECEIVE_MAX 64u    /* messages read in one call of receive, at most */
 #define SOCKETCAN_RETRY_US 50000     /* between two looks for an interface that is down */
