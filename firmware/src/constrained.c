@@ -28,8 +28,8 @@
 /* Of the rim speed: keeps commands clear of the limit by more than the rounding that follows. */
 #define RIM_MARGIN 1.0e-6f
 
-/* A pass that moves no rim by more than this is the last one, m/s. */
-#define MOVE_MIN_MPS 2.0e-6f
+/* Keeps rounding out of the bound that shows a plan's wheels free. */
+#define RESERVE_PART 0.999f
 
 /* Relative rise of the cost that is rounding. */
 #define COST_TOLERANCE 1.0e-6f
@@ -46,9 +46,9 @@ typedef struct {
     float l1, l2, l3;
 } value_t;
 
-/* Bounds of z: right wheel, left wheel. */
+/* Where z may be, right wheel and left wheel: centre +- radius. */
 typedef struct {
-    float low[2], high[2];
+    float centre[2], radius[2];
 } box_t;
 
 typedef struct {
@@ -62,7 +62,8 @@ typedef struct {
 /* ---- Small pieces ---- */
 
 static inline float bound(const box_t *box, int wheel, unsigned where) {
-    return where == LOW ? box->low[wheel] : box->high[wheel];
+    return where == LOW ? box->centre[wheel] - box->radius[wheel]
+                        : box->centre[wheel] + box->radius[wheel];
 }
 
 /* Curvatures are positive; rounding makes them 0 at worst, where weights are too far apart. */
@@ -70,38 +71,41 @@ static inline float reciprocal(float curvature) {
     return curvature != 0.0f ? 1.0f / curvature : 0.0f;
 }
 
-static inline unsigned place(float z, float low, float high) {
-    if (z < low) {
+static inline unsigned place(const box_t *box, int wheel, float z) {
+    const float off = z - box->centre[wheel];
+    if (off < -box->radius[wheel]) {
         return LOW;
     }
-    return z > high ? HIGH : FREE;
+    return off > box->radius[wheel] ? HIGH : FREE;
 }
 
 static inline float clip(float z, float low, float high) {
     return minimum(maximum(z, low), high);
 }
 
+static inline float clip_to(const box_t *box, int wheel, float z) {
+    return clip(z, bound(box, wheel, LOW), bound(box, wheel, HIGH));
+}
+
 static inline box_t stage_box(const berth_constrained_t *w, const berth_constrained_stage_t *s) {
     if (s == &w->stages[0]) {
-        return (box_t){{w->low0[0], w->low0[1]}, {w->high0[0], w->high0[1]}};
+        return (box_t){{w->centre0[0], w->centre0[1]}, {w->radius0[0], w->radius0[1]}};
     }
     const float turn = w->half_track_m * s->turn;
-    const float right = s->way + turn;
-    const float left = s->way - turn;
-    return (box_t){{right - w->rim_m, left - w->rim_m}, {right + w->rim_m, left + w->rim_m}};
+    return (box_t){{s->way + turn, s->way - turn}, {w->rim_m, w->rim_m}};
 }
 
 static inline input_t input_from_rims(const berth_constrained_t *w, float right, float left) {
     return (input_t){0.5f * (right + left), 0.5f * w->per_half_track * (right - left)};
 }
 
-static inline void save_value(berth_constrained_stage_t *s, const value_t *v) {
-    s->p[0] = v->p.p11;
-    s->p[1] = v->p.p12;
-    s->p[2] = v->p.p13;
-    s->p[3] = v->p.p22;
-    s->p[4] = v->p.p23;
-    s->p[5] = v->p.p33;
+static inline void save_value(berth_constrained_stage_t *s, const riccati_p_t *p) {
+    s->p[0] = p->p11;
+    s->p[1] = p->p12;
+    s->p[2] = p->p13;
+    s->p[3] = p->p22;
+    s->p[4] = p->p23;
+    s->p[5] = p->p33;
 }
 
 static inline void save_linear(berth_constrained_stage_t *s, const value_t *v) {
@@ -154,15 +158,15 @@ static inline rims_t free_minimum(const berth_constrained_t *w, const value_t *v
 SMALL static unsigned box_minimum(const berth_constrained_t *w, const value_t *v, const state_t *x,
                                   const box_t *box, float z[2]) {
     const rims_t q = free_minimum(w, v, x);
-    const unsigned right = place(q.z[0], box->low[0], box->high[0]);
-    const unsigned left = place(q.z[1], box->low[1], box->high[1]);
+    const unsigned right = place(box, 0, q.z[0]);
+    const unsigned left = place(box, 1, q.z[1]);
     z[0] = q.z[0];
     z[1] = q.z[1];
     if (right != FREE) {
         z[0] = bound(box, 0, right);
         const float other = q.z[1] - q.h12 * reciprocal(q.h22) * (z[0] - q.z[0]);
-        const unsigned where = place(other, box->low[1], box->high[1]);
-        z[1] = clip(other, box->low[1], box->high[1]);
+        const unsigned where = place(box, 1, other);
+        z[1] = where == FREE ? other : bound(box, 1, where);
         const float slope = q.h11 * (z[0] - q.z[0]) + q.h12 * (z[1] - q.z[1]);
         if (left == FREE || (right == HIGH ? slope <= 0.0f : slope >= 0.0f)) {
             return right | where << 2;
@@ -171,8 +175,9 @@ SMALL static unsigned box_minimum(const berth_constrained_t *w, const value_t *v
     if (left != FREE) {
         z[1] = bound(box, 1, left);
         const float other = q.z[0] - q.h12 * reciprocal(q.h11) * (z[1] - q.z[1]);
-        z[0] = clip(other, box->low[0], box->high[0]);
-        return place(other, box->low[0], box->high[0]) | left << 2;
+        const unsigned where = place(box, 0, other);
+        z[0] = where == FREE ? other : bound(box, 0, where);
+        return where | left << 2;
     }
     return FREE;
 }
@@ -181,12 +186,12 @@ SMALL static unsigned box_minimum(const berth_constrained_t *w, const value_t *v
 
 /* Both wheels free, nothing limited behind: no linear part. Where numbers are beyond float32,
  * rounding can make curvatures negative; as sizes they never add to 0 with the weight. */
-static inline void eliminate_free(const berth_constrained_t *w, berth_constrained_stage_t *s,
-                                  value_t *v) {
-    v->p.p11 = fabsf(v->p.p11);
-    (void)riccati_eliminate_u1(&v->p, w->rho1, s->row1);
-    v->p.p33 = fabsf(v->p.p33);
-    (void)riccati_eliminate_u2(&v->p, w->rho2, s->row2);
+static inline void eliminate_free(berth_constrained_stage_t *s, riccati_p_t *p, float rho1,
+                                  float rho2) {
+    p->p11 = fabsf(p->p11);
+    (void)riccati_eliminate_u1(p, rho1, s->row1);
+    p->p33 = fabsf(p->p33);
+    (void)riccati_eliminate_u2(p, rho2, s->row2);
 }
 
 static void eliminate_both(const berth_constrained_t *w, berth_constrained_stage_t *s, value_t *v) {
@@ -214,8 +219,7 @@ static void eliminate_one(const berth_constrained_t *w, berth_constrained_stage_
     const float g1 = p.p11 + k * p.p13;
     const float g2 = p.p12 + k * p.p23;
     const float g3 = p.p13 + k * p.p33;
-    const float weight = w->rho1 + k * k * w->rho2;
-    const float inverse = 1.0f / (weight + maximum(g1 + k * g3, 0.0f));
+    const float inverse = 1.0f / (w->rho_one + maximum(g1 + k * g3, 0.0f));
     const float t1 = g1 * inverse;
     const float t2 = g2 * inverse;
     const float t3 = g3 * inverse;
@@ -278,7 +282,7 @@ static void sweep_limited(berth_constrained_t *w, int i, value_t *v, limits_t li
     for (;; i--) {
         berth_constrained_stage_t *s = &w->stages[i];
         const box_t box = stage_box(w, s);
-        save_value(s, v);
+        save_value(s, &v->p);
         save_linear(s, v);
         if (limits == LIMITS_FOUND) {
             s->wheels = s->found;
@@ -307,223 +311,342 @@ static void sweep_again(berth_constrained_t *w, int i, bool clean, limits_t limi
     sweep_limited(w, i, &v, limits);
 }
 
+/* Reads the plan from its end, one stage after the other. */
+typedef struct {
+    const berth_sample_t *sample; /* of the next stage inside the plan */
+    const berth_sample_t *first;
+    const berth_sample_t *last; /* comes before the first in a closed plan */
+    int outside;                /* stages from here on lie beyond an open plan's end */
+    float period_s;
+} reader_t;
+
+static reader_t open_reader(const berth_constrained_t *w, const berth_plan_t *plan,
+                            uint32_t index) {
+    const uint32_t k = riccati_last_stage(plan, index);
+    const uint32_t last = plan->count - 1u;
+    const uint32_t left = index < plan->count ? plan->count - index : 0;
+    const bool ends = !plan->closed && left < w->horizon;
+    return (reader_t){.sample = &plan->samples[k < last ? k : last],
+                      .first = plan->samples,
+                      .last = &plan->samples[last],
+                      .outside = ends ? (int)left : w->horizon,
+                      .period_s = w->period_s};
+}
+
+static inline void read_stage(reader_t *reader, berth_constrained_stage_t *s, int i) {
+    float turn = 0.0f;
+    float way = 0.0f;
+    if (i < reader->outside) {
+        const berth_sample_t *sample = reader->sample;
+        turn = reader->period_s * sample->omega_radps;
+        way = reader->period_s * sample->v_mps;
+        reader->sample = sample == reader->first ? reader->last : sample - 1;
+    }
+    s->turn = turn;
+    s->way = way;
+}
+
 /* The first backward sweep of a step, which also reads the plan. Behind the last stage that is
  * limited there is no linear part. */
 static void sweep_first(berth_constrained_t *w, const berth_plan_t *plan, uint32_t index,
-                        value_t *v) {
-    uint32_t k = riccati_last_stage(plan, index);
+                        value_t *value) {
+    reader_t reader = open_reader(w, plan, index);
+    const float q[3] = {w->q[0], w->q[1], w->q[2]};
+    const float rho1 = w->rho1;
+    const float rho2 = w->rho2;
+    const int stop = w->last_limited;
+    riccati_p_t p = {q[0], 0.0f, 0.0f, q[1], 0.0f, q[2]};
     int i = w->horizon - 1;
-    *v = (value_t){{w->q[0], 0.0f, 0.0f, w->q[1], 0.0f, w->q[2]}, 0.0f, 0.0f, 0.0f};
-    for (; i > w->last_limited; i--) {
+    for (; i > stop; i--) {
         berth_constrained_stage_t *s = &w->stages[i];
-        riccati_stage(plan, k, w->period_s, &s->turn, &s->way);
-        k = riccati_stage_before(plan, k);
-        save_value(s, v);
-        eliminate_free(w, s, v);
+        read_stage(&reader, s, i);
+        save_value(s, &p);
+        eliminate_free(s, &p, rho1, rho2);
         if (i == 0) {
+            *value = (value_t){p, 0.0f, 0.0f, 0.0f};
             return;
         }
-        riccati_propagate_euler(&v->p, s->turn, s->way, w->q);
+        riccati_propagate_euler(&p, s->turn, s->way, q);
     }
     for (int j = i; j >= 0; j--) {
-        berth_constrained_stage_t *s = &w->stages[j];
-        riccati_stage(plan, k, w->period_s, &s->turn, &s->way);
-        k = riccati_stage_before(plan, k);
+        read_stage(&reader, &w->stages[j], j);
     }
-    sweep_limited(w, i, v, LIMITS_GIVEN);
+    *value = (value_t){p, 0.0f, 0.0f, 0.0f};
+    sweep_limited(w, i, value, LIMITS_GIVEN);
 }
 
 /* ---- Forwards ---- */
 
-/* Without limits: whether the optimum needs none. */
-static bool is_free(const berth_constrained_t *w, const state_t *error) {
-    state_t e = *error;
-    for (int i = 0; i < w->horizon; i++) {
-        const berth_constrained_stage_t *s = &w->stages[i];
-        const state_t x = drift(s, &e);
-        const float u2 = s->row2[0] * x.x1 + s->row2[1] * x.x2 + s->row2[2] * x.x3;
-        e.x3 = x.x3 - u2;
-        const float u1 = s->row1[0] * x.x1 + s->row1[1] * x.x2 + s->row1[2] * e.x3;
-        e.x1 = x.x1 - u1;
-        e.x2 = x.x2;
-        if (i == 0) {
-            const float turn = w->half_track_m * u2;
-            const float right = -u1 - turn;
-            const float left = turn - u1;
-            if (!(right >= w->low0[0] && right <= w->high0[0] && left >= w->low0[1] &&
-                  left <= w->high0[1])) {
-                return false;
-            }
-        } else if (!(fabsf(s->way + u1) + w->half_track_m * fabsf(s->turn + u2) <= w->rim_m)) {
+/* The policy of a stage with both wheels free and nothing limited behind: u2, then u1 of the state
+ * that u2 has moved. Moves x to the next state. */
+static inline input_t follow_plain(const berth_constrained_stage_t *s, state_t *x) {
+    const float u2 = s->row2[0] * x->x1 + s->row2[1] * x->x2 + s->row2[2] * x->x3;
+    x->x3 -= u2;
+    const float u1 = s->row1[0] * x->x1 + s->row1[1] * x->x2 + s->row1[2] * x->x3;
+    x->x1 -= u1;
+    return (input_t){-u1, -u2};
+}
+
+/* e' P e. */
+static inline float size(const riccati_p_t *p, const state_t *e) {
+    return e->x1 * (p->p11 * e->x1 + 2.0f * (p->p12 * e->x2 + p->p13 * e->x3)) +
+           (e->x2 * (p->p22 * e->x2 + 2.0f * p->p23 * e->x3) + p->p33 * e->x3 * e->x3);
+}
+
+/* Whether the optimum without limits, whose cost to go before the first input is p, needs none. The
+ * effort of all inputs together is at most that cost, which bounds what they can add to the rims'
+ * speeds of the reference. Otherwise the roll-out decides. */
+static bool is_free(const berth_constrained_t *w, const riccati_p_t *p, const state_t *error) {
+    const float half = w->half_track_m;
+    const float rim = w->rim_m;
+    const berth_constrained_stage_t *s = w->stages;
+    state_t e = drift(s, error);
+    if (w->rim_change_m == 0.0f && w->reserve2 > 0.0f && size(p, &e) <= w->reserve2) {
+        return true;
+    }
+    input_t u = follow_plain(s, &e);
+    if (!(fabsf(w->centre0[0] - (u.u1 + half * u.u2)) <= w->radius0[0] &&
+          fabsf(w->centre0[1] - (u.u1 - half * u.u2)) <= w->radius0[1])) {
+        return false;
+    }
+    const berth_constrained_stage_t *end = s + w->horizon;
+    for (s++; s < end; s++) {
+        e = drift(s, &e);
+        u = follow_plain(s, &e);
+        if (!(fabsf(s->way - u.u1) + half * fabsf(s->turn - u.u2) <= rim)) {
             return false;
         }
     }
     return true;
 }
 
-/* Row 1 or 3 of the gradient of the cost to go after the stage. */
-static inline float slope1(const value_t *v, const state_t *e) {
-    return v->p.p11 * e->x1 + v->p.p12 * e->x2 + v->p.p13 * e->x3 + v->l1;
+/* How far a wheel's travel is within its box; negative: outside. */
+static inline float room(const box_t *box, int wheel, float z) {
+    return box->radius[wheel] - fabsf(z - box->centre[wheel]);
 }
 
-static inline float slope3(const value_t *v, const state_t *e) {
-    return v->p.p13 * e->x1 + v->p.p23 * e->x2 + v->p.p33 * e->x3 + v->l3;
+static inline bool is_affine(const berth_constrained_t *w, const berth_constrained_stage_t *s) {
+    return s - w->stages < w->last_limited;
 }
 
-static inline bool pushes(unsigned where, float slope, float tolerance) {
-    return where == HIGH ? slope <= tolerance : slope >= -tolerance;
+/* The policy of the backward sweep, whatever the box says to it. */
+static inline input_t aim_free(const berth_constrained_t *w, const berth_constrained_stage_t *s,
+                               const state_t *x) {
+    state_t next = *x;
+    if (!is_affine(w, s)) {
+        return follow_plain(s, &next);
+    }
+    const float u2 = s->row2[0] * x->x1 + s->row2[1] * x->x2 + s->row2[2] * x->x3 + s->row2[3];
+    const float x3 = x->x3 - u2;
+    const float u1 = s->row1[0] * x->x1 + s->row1[1] * x->x2 + s->row1[2] * x3 + s->row1[3];
+    return (input_t){-u1, -u2};
 }
 
-static inline bool within(const berth_constrained_t *w, const box_t *box, int wheel, float z) {
-    const float tolerance = TOLERANCE * w->rim_m;
-    return z >= box->low[wheel] - tolerance && z <= box->high[wheel] + tolerance;
+static inline float aim_one(const berth_constrained_stage_t *s, const state_t *x) {
+    return -(s->row1[0] * x->x1 + s->row1[1] * x->x2 + s->row1[2] * x->x3 + s->row1[3]);
 }
 
-/* Both wheels free, as the backward sweep took them. */
-static bool follow_free(const berth_constrained_t *w, const berth_constrained_stage_t *s,
-                        const state_t *x, const box_t *box, float z[2]) {
-    const bool affine = s < &w->stages[w->last_limited > 0 ? w->last_limited : 0];
-    const float c1 = affine ? s->row1[3] : 0.0f;
-    const float c2 = affine ? s->row2[3] : 0.0f;
-    const float u2 = -(s->row2[0] * x->x1 + s->row2[1] * x->x2 + s->row2[2] * x->x3 + c2);
-    const float x3 = x->x3 + u2;
-    const float u1 = -(s->row1[0] * x->x1 + s->row1[1] * x->x2 + s->row1[2] * x3 + c1);
-    z[0] = u1 + w->half_track_m * u2;
-    z[1] = u1 - w->half_track_m * u2;
-    return within(w, box, 0, z[0]) && within(w, box, 1, z[1]);
+/* Each returns whether the box agrees with what the backward sweep took the wheels to be at:
+ * clearly, or up to rounding (nearly), when the input may need clipping. */
+typedef enum { DISAGREES, NEARLY, AGREES } verdict_t;
+
+static inline verdict_t judge(float least, float tolerance) {
+    if (least >= 0.0f) {
+        return AGREES;
+    }
+    return least >= -tolerance ? NEARLY : DISAGREES;
+}
+
+static inline verdict_t follow_free(const berth_constrained_t *w,
+                                    const berth_constrained_stage_t *s, const state_t *x,
+                                    const box_t *box, input_t *u) {
+    *u = aim_free(w, s, x);
+    const float turn = w->half_track_m * u->u2;
+    return judge(minimum(room(box, 0, u->u1 + turn), room(box, 1, u->u1 - turn)),
+                 TOLERANCE * w->rim_m);
 }
 
 /* One wheel at its limit: the other one follows its policy, and the limit must hold the first. */
-static bool follow_one(const berth_constrained_t *w, const berth_constrained_stage_t *s,
-                       const state_t *x, const box_t *box, float z[2]) {
+static inline verdict_t follow_one(const berth_constrained_t *w, const berth_constrained_stage_t *s,
+                                   const state_t *x, const box_t *box, input_t *u) {
     const int wheel = RIGHT_OF(s->wheels) != FREE ? 0 : 1;
     const unsigned where = wheel == 0 ? RIGHT_OF(s->wheels) : LEFT_OF(s->wheels);
     const float limit = bound(box, wheel, where);
-    const float k = wheel == 0 ? -w->per_half_track : w->per_half_track;
-    const float f = -(s->row1[0] * x->x1 + s->row1[1] * x->x2 + s->row1[2] * x->x3 + s->row1[3]);
-    const value_t v = saved_value(s, true);
-    const float u1 = limit + f;
-    const state_t next = {x->x1 + u1, x->x2, x->x3 + k * f};
-    z[wheel] = limit;
-    z[1 - wheel] = limit + 2.0f * f;
-    return within(w, box, 1 - wheel, z[1 - wheel]) &&
-           pushes(where, w->rho1 * u1 + slope1(&v, &next),
-                  TOLERANCE * w->rim_m * (w->rho1 + v.p.p11));
+    const float f = aim_one(s, x);
+    u->u1 = limit + f;
+    u->u2 = wheel == 0 ? -w->per_half_track * f : w->per_half_track * f;
+    const float slope = w->rho1 * u->u1 + (s->p[0] * (x->x1 + u->u1) + s->p[1] * x->x2 +
+                                           s->p[2] * (x->x3 + u->u2) + s->linear[0]);
+    const float push = where == HIGH ? -slope : slope;
+    const float tolerance = TOLERANCE * w->rim_m;
+    if (!(push >= -tolerance * (w->rho1 + s->p[0]))) {
+        return DISAGREES;
+    }
+    return judge(room(box, 1 - wheel, limit + 2.0f * f), tolerance);
 }
 
 /* Both wheels at limits, which must hold both. */
-static bool follow_none(const berth_constrained_t *w, const berth_constrained_stage_t *s,
-                        const state_t *x, const box_t *box, float z[2]) {
+static inline verdict_t follow_none(const berth_constrained_t *w,
+                                    const berth_constrained_stage_t *s, const state_t *x,
+                                    const box_t *box, input_t *u) {
     const unsigned right = RIGHT_OF(s->wheels);
     const unsigned left = LEFT_OF(s->wheels);
-    z[0] = bound(box, 0, right);
-    z[1] = bound(box, 1, left);
-    const input_t u = input_from_rims(w, z[0], z[1]);
-    const value_t v = saved_value(s, true);
-    const state_t next = {x->x1 + u.u1, x->x2, x->x3 + u.u2};
-    const float g1 = w->rho1 * u.u1 + slope1(&v, &next);
-    const float g2 = w->per_half_track * (w->rho2 * u.u2 + slope3(&v, &next));
-    const float tolerance = TOLERANCE * w->rim_m * (w->rho1 + v.p.p11);
-    return pushes(right, g1 + g2, tolerance) && pushes(left, g1 - g2, tolerance);
+    *u = input_from_rims(w, bound(box, 0, right), bound(box, 1, left));
+    const float x1 = x->x1 + u->u1;
+    const float x3 = x->x3 + u->u2;
+    const float g1 =
+        w->rho1 * u->u1 + (s->p[0] * x1 + s->p[1] * x->x2 + s->p[2] * x3 + s->linear[0]);
+    const float g2 =
+        w->per_half_track *
+        (w->rho2 * u->u2 + (s->p[2] * x1 + s->p[4] * x->x2 + s->p[5] * x3 + s->linear[2]));
+    const float push_right = right == HIGH ? -(g1 + g2) : g1 + g2;
+    const float push_left = left == HIGH ? g2 - g1 : g1 - g2;
+    const float least = minimum(push_right, push_left);
+    return least >= -TOLERANCE * w->rim_m * (w->rho1 + s->p[0]) ? AGREES : DISAGREES;
 }
 
-/* Where the wheels stand at the stage's minimum, with their travel in z. */
-static inline unsigned follow(const berth_constrained_t *w, const berth_constrained_stage_t *s,
-                              const state_t *x, const box_t *box, float z[2]) {
-    bool held;
-    if (s->wheels == FREE) {
-        held = follow_free(w, s, x, box, z);
-    } else if (RIGHT_OF(s->wheels) == FREE || LEFT_OF(s->wheels) == FREE) {
-        held = follow_one(w, s, x, box, z);
+/* The input where the box disagrees, or nearly. Returns where the wheels stand. */
+SMALL static unsigned correct(const berth_constrained_t *w, const berth_constrained_stage_t *s,
+                              const state_t *x, bool nearly, input_t *u) {
+    const box_t box = stage_box(w, s);
+    float z[2];
+    unsigned wheels = s->wheels;
+    if (nearly) {
+        const float turn = w->half_track_m * u->u2;
+        z[0] = clip_to(&box, 0, u->u1 + turn);
+        z[1] = clip_to(&box, 1, u->u1 - turn);
     } else {
-        held = follow_none(w, s, x, box, z);
+        const value_t v = saved_value(s, is_affine(w, s));
+        wheels = box_minimum(w, &v, x, &box, z);
     }
-    if (held) {
-        z[0] = clip(z[0], box->low[0], box->high[0]);
-        z[1] = clip(z[1], box->low[1], box->high[1]);
-        return s->wheels;
-    }
-    const value_t v = saved_value(s, s < &w->stages[w->last_limited > 0 ? w->last_limited : 0]);
-    return box_minimum(w, &v, x, box, z);
+    *u = input_from_rims(w, z[0], z[1]);
+    return wheels;
 }
 
-typedef struct {
-    float cost;
-    float move;  /* largest change of a rim's travel */
-    int changed; /* last stage where the wheels stand otherwise than assumed; -1 none */
-} outcome_t;
-
-static inline float stage_cost(const berth_constrained_t *w, const state_t *e, const input_t *u) {
-    return (w->q[0] * e->x1 * e->x1 + w->q[1] * e->x2 * e->x2 + w->q[2] * e->x3 * e->x3) +
-           (w->rho1 * u->u1 * u->u1 + w->rho2 * u->u2 * u->u2);
+/* The exact minimum of one stage. Returns where the wheels stand. */
+static inline unsigned follow(const berth_constrained_t *w, const berth_constrained_stage_t *s,
+                              const state_t *x, input_t *u) {
+    const box_t box = stage_box(w, s);
+    verdict_t verdict;
+    if (s->wheels == FREE) {
+        verdict = follow_free(w, s, x, &box, u);
+    } else if (RIGHT_OF(s->wheels) == FREE || LEFT_OF(s->wheels) == FREE) {
+        verdict = follow_one(w, s, x, &box, u);
+    } else {
+        verdict = follow_none(w, s, x, &box, u);
+    }
+    return verdict == AGREES ? s->wheels : correct(w, s, x, verdict == NEARLY, u);
 }
 
-static outcome_t sweep_forward(berth_constrained_t *w, const state_t *error) {
-    state_t e = *error;
-    outcome_t outcome = {0.0f, 0.0f, -1};
-    for (int i = 0; i < w->horizon; i++) {
+static inline void store(berth_constrained_stage_t *s, const state_t *x, const input_t *u) {
+    s->x[0] = x->x1;
+    s->x[1] = x->x2;
+    s->x[2] = x->x3;
+    s->before[0] = s->u[0];
+    s->before[1] = s->u[1];
+    s->u[0] = u->u1;
+    s->u[1] = u->u2;
+}
+
+/* Stages from i on with nothing limited behind them, until one that meets a limit; returns it. */
+static int forward_plain(berth_constrained_t *w, int i, state_t *state) {
+    const float half = w->half_track_m;
+    const float rim = w->rim_m;
+    const int end = w->horizon;
+    state_t e = *state;
+    for (; i < end; i++) {
         berth_constrained_stage_t *s = &w->stages[i];
-        const box_t box = stage_box(w, s);
         const state_t x = drift(s, &e);
-        float z[2];
-        const unsigned wheels = follow(w, s, &x, &box, z);
-        const input_t u = input_from_rims(w, z[0], z[1]);
+        state_t next = x;
+        const input_t u = follow_plain(s, &next);
+        if (!(fabsf(s->way - u.u1) + half * fabsf(s->turn - u.u2) <= rim)) {
+            break;
+        }
+        store(s, &x, &u);
+        s->found = FREE;
+        e = next;
+    }
+    *state = e;
+    return i;
+}
+
+/* Follows the policy in the box. Returns the last stage whose wheels stand otherwise than assumed;
+ * -1: none, so that this is the optimum. */
+static int sweep_forward(berth_constrained_t *w, const state_t *error) {
+    const int end = w->horizon;
+    state_t e = *error;
+    int changed = -1;
+    for (int i = 0; i < end; i++) {
+        if (i > w->last_limited && i > 0) {
+            i = forward_plain(w, i, &e);
+            if (i == end) {
+                break;
+            }
+        }
+        berth_constrained_stage_t *s = &w->stages[i];
+        const state_t x = drift(s, &e);
+        input_t u;
+        const unsigned wheels = follow(w, s, &x, &u);
         if (wheels != s->wheels) {
-            outcome.changed = i;
+            changed = i;
         }
         s->found = (uint8_t)wheels;
-        s->x[0] = x.x1;
-        s->x[1] = x.x2;
-        s->x[2] = x.x3;
-        s->before[0] = s->u[0];
-        s->before[1] = s->u[1];
-        s->u[0] = u.u1;
-        s->u[1] = u.u2;
+        store(s, &x, &u);
         e = (state_t){x.x1 + u.u1, x.x2, x.x3 + u.u2};
-        outcome.cost += stage_cost(w, &e, &u);
-        outcome.move = maximum(outcome.move, fabsf(u.u1 - s->before[0]) +
-                                                 w->half_track_m * fabsf(u.u2 - s->before[1]));
-        if (i == 0) {
-            w->expected[0] = e.x1;
-            w->expected[1] = e.x2;
-            w->expected[2] = e.x3;
-            w->limited_now = wheels != FREE;
-        }
     }
-    return outcome;
+    return changed;
 }
 
-/* The policy of the backward sweep, without regard to the box's other sides. */
+/* Cost of the iterate, or of the one before it. */
+SMALL static float cost_of(const berth_constrained_t *w, const state_t *error, bool before) {
+    const berth_constrained_stage_t *end = &w->stages[w->horizon];
+    state_t e = *error;
+    float cost = 0.0f;
+    for (const berth_constrained_stage_t *s = w->stages; s < end; s++) {
+        const float u1 = before ? s->before[0] : s->u[0];
+        const float u2 = before ? s->before[1] : s->u[1];
+        e = drift(s, &e);
+        e.x1 += u1;
+        e.x3 += u2;
+        cost += (w->rho1 * u1 * u1 + w->rho2 * u2 * u2) +
+                (w->q[0] * e.x1 * e.x1 + w->q[1] * e.x2 * e.x2 + w->q[2] * e.x3 * e.x3);
+    }
+    return cost;
+}
+
+/* Travel of the rims that the policy asks for. */
 static inline void aim(const berth_constrained_t *w, const berth_constrained_stage_t *s,
                        const state_t *x, const box_t *box, float z[2]) {
+    const unsigned right = RIGHT_OF(s->wheels);
+    const unsigned left = LEFT_OF(s->wheels);
     if (s->wheels == FREE) {
-        (void)follow_free(w, s, x, box, z);
-    } else if (RIGHT_OF(s->wheels) == FREE || LEFT_OF(s->wheels) == FREE) {
-        (void)follow_one(w, s, x, box, z);
-    } else {
-        (void)follow_none(w, s, x, box, z);
+        const input_t u = aim_free(w, s, x);
+        z[0] = u.u1 + w->half_track_m * u.u2;
+        z[1] = u.u1 - w->half_track_m * u.u2;
+        return;
     }
+    const float f = right == FREE || left == FREE ? 2.0f * aim_one(s, x) : 0.0f;
+    z[0] = right != FREE ? bound(box, 0, right) : bound(box, 1, left) + f;
+    z[1] = left != FREE ? bound(box, 1, left) : z[0] + f;
 }
 
-/* The forward sweep with a part of the step: from the iterate before. */
-static outcome_t sweep_part(berth_constrained_t *w, const state_t *error, float part) {
+/* The forward sweep with a part of the step, from the iterate before. Returns its cost. */
+static float sweep_part(berth_constrained_t *w, const state_t *error, float part) {
     state_t e = *error;
     state_t e_before = *error;
-    outcome_t outcome = {0.0f, 0.0f, w->horizon - 1};
     for (int i = 0; i < w->horizon; i++) {
         berth_constrained_stage_t *s = &w->stages[i];
         const box_t box = stage_box(w, s);
         const state_t x = drift(s, &e);
         const state_t x_before = drift(s, &e_before);
-        const float half = w->half_track_m * s->before[1];
-        const float z_before[2] = {s->before[0] + half, s->before[0] - half};
+        const float turn = w->half_track_m * s->before[1];
+        const float z_before[2] = {s->before[0] + turn, s->before[0] - turn};
         float z[2];
         float aimed[2];
         aim(w, s, &x, &box, z);
         aim(w, s, &x_before, &box, aimed);
         for (int j = 0; j < 2; j++) {
-            z[j] -= (1.0f - part) * (aimed[j] - z_before[j]);
-            z[j] = clip(z[j], box.low[j], box.high[j]);
+            z[j] = clip_to(&box, j, z[j] - (1.0f - part) * (aimed[j] - z_before[j]));
         }
         const input_t u = input_from_rims(w, z[0], z[1]);
         s->x[0] = x.x1;
@@ -533,53 +656,78 @@ static outcome_t sweep_part(berth_constrained_t *w, const state_t *error, float 
         s->u[1] = u.u2;
         e = (state_t){x.x1 + u.u1, x.x2, x.x3 + u.u2};
         e_before = (state_t){x_before.x1 + s->before[0], x_before.x2, x_before.x3 + s->before[1]};
-        outcome.cost += stage_cost(w, &e, &u);
-        outcome.move = maximum(outcome.move, fabsf(u.u1 - s->before[0]) +
-                                                 w->half_track_m * fabsf(u.u2 - s->before[1]));
     }
-    return outcome;
+    return cost_of(w, error, false);
 }
 
 /* Halves the step until the cost does not rise. False: it always does, and the iterate before is
  * back. */
-static bool search_line(berth_constrained_t *w, const state_t *error, float before,
-                        outcome_t *outcome) {
+static bool search_line(berth_constrained_t *w, const state_t *error, float limit, float *cost) {
     for (float part = 0.5f; part >= PART_MIN; part *= 0.5f) {
-        *outcome = sweep_part(w, error, part);
-        if (outcome->cost <= (1.0f + COST_TOLERANCE) * before) {
+        *cost = sweep_part(w, error, part);
+        if (*cost <= limit) {
             return true;
         }
     }
-    *outcome = sweep_part(w, error, 0.0f);
+    *cost = sweep_part(w, error, 0.0f);
     return false;
 }
 
 /* ---- One step ---- */
 
-/* Passes until the optimum, or the last one allowed. */
+/* Puts the iterate before in this one's place. */
+static void revert(berth_constrained_t *w, const state_t *error) {
+    state_t e = *error;
+    for (int i = 0; i < w->horizon; i++) {
+        berth_constrained_stage_t *s = &w->stages[i];
+        const state_t x = drift(s, &e);
+        const input_t u = {s->before[0], s->before[1]};
+        store(s, &x, &u);
+        e = (state_t){x.x1 + u.u1, x.x2, x.x3 + u.u2};
+    }
+}
+
+/* One pass after the first: from the last stage that differs, or from the end where `clean`.
+ * Returns like sweep_forward. */
+static int pass_again(berth_constrained_t *w, const state_t *error, int changed, limits_t limits) {
+    const bool clean = changed == w->horizon;
+    sweep_again(w, clean ? changed - 1 : changed, clean, limits);
+    w->passes++;
+    return sweep_forward(w, error);
+}
+
+/* Passes until the optimum, or the last one allowed. The limits that a forward sweep found are good
+ * guesses, and cheap; those that minimise give a direction in which the cost falls, so they follow
+ * where a guess has raised it. The cost is not needed before a second pass has not ended it. */
 static void iterate(berth_constrained_t *w, const state_t *error) {
-    outcome_t now = sweep_forward(w, error);
-    limits_t limits = LIMITS_MINIMISED;
-    bool clean = false;
-    while (now.changed >= 0) {
+    int changed = sweep_forward(w, error);
+    limits_t limits = LIMITS_FOUND;
+    float cost = -1.0f;
+    while (changed >= 0) {
         if (w->passes >= w->passes_max) {
             w->stopped = true;
             return;
         }
-        const float before = now.cost;
-        sweep_again(w, now.changed, clean, limits);
-        w->passes++;
-        now = sweep_forward(w, error);
-        limits = LIMITS_FOUND;
-        clean = now.changed >= 0 && now.cost > (1.0f + COST_TOLERANCE) * before;
-        if (clean) {
+        changed = pass_again(w, error, changed, limits);
+        if (changed < 0) {
+            return;
+        }
+        const float before = cost < 0.0f ? cost_of(w, error, true) : cost;
+        const float limit = (1.0f + COST_TOLERANCE) * before;
+        cost = cost_of(w, error, false);
+        if (cost <= limit) {
+            limits = LIMITS_FOUND;
+        } else if (limits == LIMITS_FOUND) {
+            revert(w, error);
+            cost = before;
+            changed = w->horizon;
             limits = LIMITS_MINIMISED;
-            if (!search_line(w, error, before, &now)) {
+        } else {
+            changed = w->horizon;
+            if (!search_line(w, error, limit, &cost)) {
                 w->stopped = true;
                 return;
             }
-        } else if (now.move <= MOVE_MIN_MPS * w->period_s) {
-            return;
         }
     }
 }
@@ -590,8 +738,7 @@ static bool guess_limits(berth_constrained_t *w) {
     for (int i = 0; i < w->horizon; i++) {
         berth_constrained_stage_t *s = &w->stages[i];
         const box_t box = stage_box(w, s);
-        s->wheels = (uint8_t)(place(0.0f, box.low[0], box.high[0]) |
-                              place(0.0f, box.low[1], box.high[1]) << 2);
+        s->wheels = (uint8_t)(place(&box, 0, 0.0f) | place(&box, 1, 0.0f) << 2);
         if (s->wheels != FREE) {
             w->last_limited = (int16_t)i;
         }
@@ -631,25 +778,35 @@ static void open_first_box(berth_constrained_t *w, const berth_tracker_input_t *
     for (int wheel = 0; wheel < 2; wheel++) {
         const float side = wheel == 0 ? 1.0f : -1.0f;
         const float base = way + side * turn;
-        float low = -w->rim_m;
-        float high = w->rim_m;
+        w->centre0[wheel] = base;
+        w->radius0[wheel] = w->rim_m;
         if (w->rim_change_m > 0.0f) {
             const float last = last_way + side * last_turn;
-            low = clip(last - w->rim_change_m, -w->rim_m, w->rim_m);
-            high = clip(last + w->rim_change_m, -w->rim_m, w->rim_m);
+            const float low = clip(last - w->rim_change_m, -w->rim_m, w->rim_m);
+            const float high = clip(last + w->rim_change_m, -w->rim_m, w->rim_m);
+            w->centre0[wheel] = base - 0.5f * (low + high);
+            w->radius0[wheel] = 0.5f * (high - low);
         }
-        w->low0[wheel] = base - high;
-        w->high0[wheel] = base - low;
     }
     w->way0 = way;
+}
+
+/* What the last forward sweep says of the first stage. */
+static void expect(berth_constrained_t *w) {
+    const berth_constrained_stage_t *s = &w->stages[0];
+    w->expected[0] = s->x[0] + s->u[0];
+    w->expected[1] = s->x[1];
+    w->expected[2] = s->x[2] + s->u[1];
+    w->limited_now = s->found != FREE;
 }
 
 static berth_twist_t limited_twist(berth_constrained_t *w, const berth_tracker_input_t *input) {
     input_t u = {w->stages[0].u[0], w->stages[0].u[1]};
     if (!(fabsf(u.u1) <= CHECK_FLOAT_MAX && fabsf(u.u2) <= CHECK_FLOAT_MAX)) {
         /* the numbers have left float32: the reference's own speeds, as far as the box allows */
-        const float right = clip(0.0f, w->low0[0], w->high0[0]);
-        const float left = clip(0.0f, w->low0[1], w->high0[1]);
+        const box_t box = stage_box(w, &w->stages[0]);
+        const float right = clip_to(&box, 0, 0.0f);
+        const float left = clip_to(&box, 1, 0.0f);
         u = input_from_rims(w, right, left);
         berth_constrained_reset(w);
         w->stopped = true;
@@ -682,7 +839,7 @@ berth_twist_t berth_constrained_step(berth_constrained_t *workspace,
     w->limited_now = false;
     sweep_first(w, input->plan, input->reference->index, &v);
     if (w->last_limited < 0) {
-        if (is_free(w, &error)) {
+        if (is_free(w, &v.p, &error)) {
             w->limited = false;
             return free_twist(w, input, &v);
         }
@@ -691,12 +848,26 @@ berth_twist_t berth_constrained_step(berth_constrained_t *workspace,
         }
     }
     iterate(w, &error);
+    expect(w);
     w->limited = true;
     return limited_twist(w, input);
 }
 
 void berth_constrained_reset(berth_constrained_t *workspace) {
     workspace->warm = false;
+}
+
+/* What the plan leaves of the rims' travel, as a bound on the cost to go: |u1| + |u2| b/2 is at
+ * most the square root of that cost times (1/rho1 + (b/2)^2/rho2). */
+static float reserve2(const berth_constrained_t *w, const berth_plan_t *plan) {
+    float most = 0.0f;
+    for (uint32_t k = 0; k < plan->count; k++) {
+        const berth_sample_t *sample = &plan->samples[k];
+        most = maximum(most, fabsf(sample->v_mps) + w->half_track_m * fabsf(sample->omega_radps));
+    }
+    const float reserve = RESERVE_PART * (w->rim_m - w->period_s * most);
+    const float per_cost = 1.0f / w->rho1 + w->half_track_m * w->half_track_m / w->rho2;
+    return reserve > 0.0f ? reserve * reserve / per_cost : 0.0f;
 }
 
 berth_error_t berth_constrained_init(berth_constrained_t *workspace, const berth_plan_t *plan,
@@ -730,10 +901,12 @@ berth_error_t berth_constrained_init(berth_constrained_t *workspace, const berth
     }
     w->half_track_m = 0.5f * limits->track_m;
     w->per_half_track = 1.0f / w->half_track_m;
+    w->rho_one = w->rho1 + w->per_half_track * w->per_half_track * w->rho2;
     w->rim_m = rim * period * (1.0f - RIM_MARGIN);
     w->horizon = plan->mpc.horizon;
     w->passes_max = BERTH_CONSTRAINED_PASSES_MAX;
     w->rim_change_m = rim_change_max_mps2 * period * period;
+    w->reserve2 = reserve2(w, plan);
     w->warm = false;
     w->last_limited = -1;
     for (int i = 0; i < w->horizon; i++) {

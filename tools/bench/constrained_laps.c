@@ -86,30 +86,20 @@ static double run_clipped(const laps_case_t *chosen) {
 }
 
 int main(void) {
-    static const struct {
-        const char *name;
-        double pace[2];
-        bool kicks;
-    } kinds[] = {
-        {"calm", {1.0, 1.0}, false},
-        {"kicked", {1.0, 1.0}, true},
-        {"saturating", {2.55, 2.1}, true},
-    };
     static const uint16_t horizons[] = {10, 20, 40};
+    laps_open();
     for (size_t n = 0; n < sizeof horizons / sizeof *horizons; n++) {
-        for (size_t kind = 0; kind < sizeof kinds / sizeof *kinds; kind++) {
-            for (int shape = 0; shape < 2; shape++) {
-                for (uint32_t seed = 1; seed <= (kinds[kind].kicks ? 3u : 1u); seed++) {
-                    const laps_case_t chosen = {(laps_shape_t)shape, kinds[kind].pace[shape],
-                                                horizons[n],         seed,
-                                                kind == 2 ? 2 : 1,   kinds[kind].kicks};
-                    const outcome_t outcome = run_constrained(&chosen);
-                    printf("case %s %s %u %u %.9g %.9g %.9g\n", kinds[kind].name,
-                           shape == LAPS_EIGHT ? "eight" : "circle", (unsigned)horizons[n],
-                           (unsigned)seed, sqrt(outcome.square), sqrt(run_clipped(&chosen)),
-                           outcome.residual);
-                }
+        for (int i = 0; i < LAPS_CASES; i++) {
+            laps_case_t chosen = laps_cases[i];
+            chosen.horizon = horizons[n];
+            const outcome_t outcome = run_constrained(&chosen);
+            if (outcome.square < 0.0) {
+                printf("failed\n");
+                return 1;
             }
+            printf("case %s %s %u %u %.9g %.9g %.9g\n", chosen.kind, laps_shape_name(chosen.shape),
+                   (unsigned)chosen.horizon, (unsigned)chosen.seed, sqrt(outcome.square),
+                   sqrt(run_clipped(&chosen)), outcome.residual);
         }
     }
     return 0;

@@ -6,6 +6,21 @@ static const double pi = 3.14159265358979323846;
 static berth_sample_t samples[LAPS_COUNT_MAX];
 static berth_plan_t plan;
 
+#define KICKED(kind, shape, pace, laps)                                                            \
+    {kind, shape, pace, 0, 1, laps, true}, {kind, shape, pace, 0, 2, laps, true}, {                \
+        kind, shape, pace, 0, 3, laps, true                                                        \
+    }
+
+const laps_case_t laps_cases[LAPS_CASES] = {
+    {"calm", LAPS_CIRCLE, 1.0, 0, 1, 1, false}, {"calm", LAPS_EIGHT, 1.0, 0, 1, 1, false},
+    KICKED("kicked", LAPS_CIRCLE, 1.0, 1),      KICKED("kicked", LAPS_EIGHT, 1.0, 1),
+    KICKED("saturating", LAPS_CIRCLE, 2.55, 2), KICKED("saturating", LAPS_EIGHT, 2.1, 2),
+};
+
+const char *laps_shape_name(laps_shape_t shape) {
+    return shape == LAPS_EIGHT ? "eight" : "circle";
+}
+
 /* x = a sin(w t + shift), y = b sin(h w t). */
 static berth_sample_t sample_at(laps_shape_t shape, double w, double t) {
     const int eight = shape == LAPS_EIGHT;

@@ -1,8 +1,8 @@
 /* Laps with kicks: closed references, a robot that obeys, and poses that jump now and then. Shared
  * by the programs that count what one step of a tracker costs.
  *
- * The instruction counter is the includer's: laps_since(mark) is the number of instructions
- * executed since laps_mark() gave the mark, the two calls included; 0 where there is none.
+ * The instruction counter is the target's (mps2_count.c): laps_since(mark) is the number of
+ * instructions executed since laps_mark() gave the mark, what the two calls take included.
  */
 #ifndef BERTH_TOOLS_LAPS_H
 #define BERTH_TOOLS_LAPS_H
@@ -21,6 +21,7 @@
 typedef enum { LAPS_CIRCLE, LAPS_EIGHT } laps_shape_t;
 
 typedef struct {
+    const char *kind;
     laps_shape_t shape;
     double pace; /* 1: 0.3 rad/s round the circle, 0.15 rad/s round the eight */
     uint16_t horizon;
@@ -29,6 +30,14 @@ typedef struct {
     bool kicks;
 } laps_case_t;
 
+/* The cases that are run for each horizon (theirs is 0): calm, kicked, and kicked on references
+ * faster than the wheels. */
+#define LAPS_CASES 14
+extern const laps_case_t laps_cases[LAPS_CASES];
+
+const char *laps_shape_name(laps_shape_t shape);
+
+void laps_open(void); /* first of all */
 uint32_t laps_mark(void);
 uint32_t laps_since(uint32_t mark);
 

@@ -69,20 +69,21 @@ typedef struct {
     uint8_t found;   /* and those where the forward sweep found them */
 } berth_constrained_stage_t;
 
-/* Workspace: 108 bytes a stage and at most 128 more, 4,412 in all with the default capacity. Its
+/* Workspace: 108 bytes a stage and at most 128 more, 4,420 in all with the default capacity. Its
  * contents are private but for the last four members. */
 typedef struct {
     berth_constrained_stage_t stages[BERTH_CONSTRAINED_HORIZON_MAX];
-    float rho1, rho2; /* r / T^2 */
+    float rho1, rho2, rho_one; /* r / T^2, and what they are for one wheel alone */
     float period_s, frequency_hz;
     float q[3];
     float half_track_m, per_half_track;
     float rim_m;        /* w T */
     float rim_change_m; /* what a rim's speed may change in a period, times T; 0: no such limit */
+    float reserve2;     /* cost to go that cannot bring a wheel to its limit; 0: unknown */
     float way0;         /* v_r cos(e3) T of the first stage */
-    float low0[2], high0[2];
-    float expected[3]; /* next error, if the command is obeyed */
-    uint32_t total;    /* of the reference, in the last step */
+    float centre0[2], radius0[2]; /* box of the first stage */
+    float expected[3];            /* next error, if the command is obeyed */
+    uint32_t total;               /* of the reference, in the last step */
     uint16_t horizon;
     int16_t last_limited; /* last stage with a wheel at a limit; -1 none */
     bool warm;            /* the last step's limits may be taken over */
