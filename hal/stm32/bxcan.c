@@ -351,7 +351,6 @@ static berth_can_outcome_t send(void *context, const berth_can_frame_t *frame) {
     }
     bxcan_tx_regs_t *regs = &can->regs->tx[box];
     stm32_can_pack(frame, words);
-    stm32_write(&regs->tir, word);
     stm32_write(&regs->tdtr, stm32_put(BXCAN_TDTR_DLC, frame->length));
     stm32_write(&regs->tdlr, words[0]);
     stm32_write(&regs->tdhr, words[1]);

@@ -112,7 +112,7 @@ stm32_can_result_t bxcan_open(bxcan_t *can, const bxcan_config_t *config,
 
 berth_can_t bxcan_can(bxcan_t *can);
 
-/* To be called by the handlers of the interrupts FIFO 0 and SCE. About 60 instructions a frame. */
+/* To be called by the handlers of the interrupts FIFO 0 and SCE. Some 150 instructions a frame. */
 void bxcan_receive_interrupt(bxcan_t *can);
 void bxcan_status_interrupt(bxcan_t *can);
 

@@ -337,10 +337,6 @@ static berth_can_outcome_t send(void *context, const berth_can_frame_t *frame) {
     can->taken |= (uint8_t)(1u << buffer);
     can->held[buffer] = word;
     stm32_write(&can->regs->txbar, 1u << buffer);
-    if (can->bus_offs != can->bus_offs_seen) {
-        /* Bus-off came while this was written: the interrupt did not see the frame. */
-        stm32_write(&can->regs->txbcr, 1u << buffer);
-    }
     return BERTH_CAN_DONE;
 }
 
@@ -433,9 +429,8 @@ void fdcan_interrupt(fdcan_t *can) {
     if ((why & (FDCAN_IR_PEA | FDCAN_IR_PED)) != 0) {
         stm32_can_count(&can->errors);
     }
-    /* It tells of the way back too. */
+    /* It tells of the way back too. Frames that wait cannot leave: the controller stands. */
     if ((why & FDCAN_IR_BO) != 0 && (stm32_read(&regs->psr) & FDCAN_PSR_BO) != 0) {
-        stm32_write(&regs->txbcr, ALL_BUFFERS);
         can->bus_offs = can->bus_offs + 1u;
     }
 }

@@ -20,10 +20,11 @@
  *
  * Receive. Up to 28 standard and 8 extended filters; others are rejected. FIFO 0 has three places.
  *
- * Bus-off. The controller stops by itself. The interrupt takes back all frames that wait (counted
- * in tx_dropped). Recovery by stm32_can_recovery_t; there is none by hardware, so "at once" is with
- * the next call of send, receive or state. Then the controller waits for 129 times 11 recessive
- * bits. What it has not let go of by then is dropped by switching its configuration on and off.
+ * Bus-off. The controller stops by itself, so nothing leaves any more. Frames that wait are taken
+ * back by the next call of send, receive or state, and at the latest before the restart, by
+ * switching the controller's configuration on and off; they are counted in tx_dropped. Recovery by
+ * stm32_can_recovery_t; there is none by hardware, so "at once" is with the next call. Then the
+ * controller waits for 129 times 11 recessive bits.
  *
  * A controller that is found stopped or in restricted operation without bus-off (reset behind our
  * back, or its message RAM did not answer in time) is DOWN until it is opened again.

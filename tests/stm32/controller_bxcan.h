@@ -23,7 +23,7 @@ typedef bxcan_diagnosis_t ctl_diagnosis_t;
 #define ctl_has_input bxcan_has_input
 #define ctl_diagnosis bxcan_diagnosis
 #define ctl_reset(rig) bxcan_model_init(&(rig)->model)
-#define ctl_stick(rig) ((rig)->model.mode_stuck = true)
+#define ctl_stick(rig, yes) ((rig)->model.mode_stuck = (yes))
 #define ctl_delay(rig, reads) ((rig)->model.mode_delay = (reads))
 #define ctl_map_dead(rig, ops, context)                                                            \
     io_model_map((rig)->block, sizeof *(rig)->block, ops, context)

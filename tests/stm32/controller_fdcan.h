@@ -23,7 +23,7 @@ typedef fdcan_diagnosis_t ctl_diagnosis_t;
 #define ctl_has_input fdcan_has_input
 #define ctl_diagnosis fdcan_diagnosis
 #define ctl_reset(rig) fdcan_model_init(&(rig)->model)
-#define ctl_stick(rig) ((rig)->model.init_stuck = true)
+#define ctl_stick(rig, yes) ((rig)->model.init_stuck = (yes))
 #define ctl_delay(rig, reads) ((rig)->model.init_delay = (reads))
 #define ctl_map_dead(rig, ops, context)                                                            \
     do {                                                                                           \

@@ -51,7 +51,7 @@ static void test_one_megabit(void) {
     TEST_ASSERT_EQUAL_UINT32(42, prescaler * (1u + segment1 + segment2));
     TEST_ASSERT_TRUE((1u + segment1) * 1000u >= 750u * (1u + segment1 + segment2));
     TEST_ASSERT_TRUE((1u + segment1) * 1000u <= 875u * (1u + segment1 + segment2));
-    TEST_ASSERT_TRUE((btr >> 24 & 3u) + 1u <= segment2);
+    TEST_ASSERT_EQUAL_UINT32(segment2 < 4u ? segment2 : 4u, (btr >> 24 & 3u) + 1u);
     TEST_ASSERT_EQUAL_HEX32(0, btr & 0xc0000000u); /* neither silent nor looped back */
 }
 
@@ -77,6 +77,12 @@ static void test_bad_configurations_are_refused(void) {
     refuses(STM32_CAN_ERROR_FILTERS, filters, 29);
     rig.config.split = 14;
     refuses(STM32_CAN_ERROR_FILTERS, filters, 15);
+    rig.config.split = 14;
+    rig.config.first_bank = 5;
+    refuses(STM32_CAN_ERROR_FILTERS, filters, 10);
+    rig.config.split = 14;
+    rig.config.first_bank = 20;
+    refuses(STM32_CAN_ERROR_FILTERS, filters, 9);
     filters[13] = (berth_can_filter_t){.id = 0x800, .mask = 0x7ff};
     refuses(STM32_CAN_ERROR_FILTERS, filters, 14);
     filters[13] = (berth_can_filter_t){.id = 0x20000000, .extended = true};
@@ -122,8 +128,9 @@ static void test_two_controllers_share_the_banks(void) {
         for (uint32_t i = 0; i < 28; i++) {
             filters[i % 2][i / 2] = random_filter();
         }
-        bxcan_rig_open(rigs[first], filters[first], 14);
-        bxcan_rig_open(rigs[1 - first], filters[1 - first], 14);
+        const uint32_t counts[2] = {1u + support_index(14), 1u + support_index(14)};
+        bxcan_rig_open(rigs[first], filters[first], counts[first]);
+        bxcan_rig_open(rigs[1 - first], filters[1 - first], counts[1 - first]);
         for (uint32_t i = 0; i < 100; i++) {
             const berth_can_frame_t frame = frame_near(&filters[i % 2][support_index(14)]);
             for (int k = 0; k < 2; k++) {
@@ -131,7 +138,7 @@ static void test_two_controllers_share_the_banks(void) {
                 const node_t node = bxcan_model_node(&rigs[k]->model);
                 node.ops->hear(node.context, &frame);
                 bxcan_rig_interrupts(rigs[k]);
-                TEST_ASSERT_EQUAL_INT(wanted(filters[k], 14, &frame),
+                TEST_ASSERT_EQUAL_INT(wanted(filters[k], counts[k], &frame),
                                       receive(&rigs[k]->can, &got) == BERTH_CAN_DONE);
             }
         }

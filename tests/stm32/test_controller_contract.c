@@ -51,7 +51,7 @@ static void test_opens_from_reset(void) {
 }
 
 static void test_a_silent_controller_is_given_up(void) {
-    ctl_stick(&rig);
+    ctl_stick(&rig, true);
     TEST_ASSERT_EQUAL_INT(STM32_CAN_ERROR_SILENT, ctl_open_result(&rig, NULL, 0));
     TEST_ASSERT_TRUE(io_model_accesses() <= CTL_LOOKS + 100u);
     rig.can = ctl_can(&rig.driver);
@@ -64,7 +64,11 @@ static void test_a_silent_controller_is_given_up(void) {
     ctl_diagnosis_t diagnosis;
     ctl_diagnosis(&rig.driver, &diagnosis);
     TEST_ASSERT_EQUAL_UINT32(0, diagnosis.transmit_errors);
-    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DOWN, mode());
+    ctl_stick(&rig, false); /* too late */
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DOWN, mode());
+    }
+    TEST_ASSERT_EQUAL_UINT32(0, state_of(&rig.can).restarts);
 }
 
 static uint32_t dead_read(void *context, uint32_t offset) {
@@ -93,7 +97,7 @@ static void test_dead_hardware_is_refused(void) {
 }
 
 static void test_waiting_ends_by_the_clock_too(void) {
-    ctl_stick(&rig);
+    ctl_stick(&rig, true);
     rig_time.step_us = 100;
     TEST_ASSERT_EQUAL_INT(STM32_CAN_ERROR_SILENT, ctl_open_result(&rig, NULL, 0));
     TEST_ASSERT_TRUE(io_model_accesses() <= 200u);
@@ -469,6 +473,10 @@ static void test_bus_errors_are_counted(void) {
     }
     TEST_ASSERT_EQUAL_UINT32(6, state_of(&rig.can).error_frames);
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, mode());
+    us.ops->hear_error(us.context, NODE_ERROR_CRC);
+    ctl_interrupts(&rig);
+    go_off(); /* another interrupt: the last error is not counted once more */
+    TEST_ASSERT_EQUAL_UINT32(7, state_of(&rig.can).error_frames);
 }
 
 static void test_error_passive_comes_and_goes(void) {
@@ -490,9 +498,11 @@ static void test_error_passive_comes_and_goes(void) {
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 1, 1));
     one_sent();
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, mode());
-    for (int i = 0; i < 128; i++) {
+    for (uint32_t i = 1; i <= 128; i++) {
         us.ops->hear_error(us.context, NODE_ERROR_STUFF);
         ctl_interrupts(&rig);
+        ctl_diagnosis(&rig.driver, &diagnosis);
+        TEST_ASSERT_EQUAL_UINT32(i, diagnosis.receive_errors);
     }
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_PASSIVE, mode());
     ctl_diagnosis(&rig.driver, &diagnosis);
@@ -530,12 +540,69 @@ static void test_bus_off_drops_what_waits(void) {
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, state.mode);
     TEST_ASSERT_EQUAL_UINT32(2, state.tx_dropped);
     TEST_ASSERT_EQUAL_UINT32(0, state.restarts);
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, state.error_frames, "bus-off by itself is no bus error");
     berth_can_frame_t got;
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, receive(&rig.can, &got)); /* what came before */
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, receive(&rig.can, &got));
     ctl_diagnosis_t diagnosis;
     ctl_diagnosis(&rig.driver, &diagnosis);
     TEST_ASSERT_TRUE(diagnosis.off);
+}
+
+/* Each of send, receive and state notices bus-off by itself, also when its interrupt is late. */
+static void test_bus_off_is_noticed_by_any_call(void) {
+    for (int interrupt = 0; interrupt < 2; interrupt++) {
+        for (int call = 0; call < 3; call++) {
+            berth_can_frame_t frame;
+            io_model_reset();
+            ctl_init(&rig);
+            ctl_open(&rig, NULL, 0);
+            sends(&rig.can, 1, 1);
+            ctl_set_tec(&rig, 256);
+            if (interrupt == 1) {
+                ctl_interrupts(&rig);
+            }
+            switch (call) {
+            case 0:
+                TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, sends(&rig.can, 2, 2));
+                break;
+            case 1:
+                TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, receive(&rig.can, &frame));
+                break;
+            default:
+                TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+                break;
+            }
+            TEST_ASSERT_EQUAL_UINT32(1, rig.driver.tx_dropped);
+            TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
+            ctl_interrupts(&rig);
+            TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+            RIG_VIOLATIONS(&rig);
+        }
+    }
+}
+
+/* A caller that only sends, or only receives, gets the bus back too. */
+static void test_any_call_brings_the_bus_back(void) {
+    for (int call = 0; call < 2; call++) {
+        berth_can_frame_t frame;
+        io_model_reset();
+        ctl_init(&rig);
+        ctl_open(&rig, NULL, 0);
+        go_off();
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, sends(&rig.can, 1, 1));
+        rig_time.now_us += 1000000;
+        for (int i = 0; i < 5; i++) {
+            if (call == 0) {
+                sends(&rig.can, 1, 1);
+            } else {
+                receive(&rig.can, &frame);
+            }
+            us.ops->idle(us.context, CTL_RECOVERY);
+        }
+        TEST_ASSERT_EQUAL_INT(call == 0, us.ops->offer(us.context, &frame));
+        TEST_ASSERT_EQUAL_UINT32(1, rig.driver.restarts);
+    }
 }
 
 static void recovers(void) {
@@ -626,6 +693,35 @@ static void test_the_second_bus_off_waits_anew(void) {
     }
 }
 
+/* Back, and off again, before anybody looked. */
+static void test_a_second_bus_off_during_the_recovery(void) {
+    for (int recovery = STM32_CAN_RECOVER_AFTER; recovery <= STM32_CAN_RECOVER_AT_ONCE;
+         recovery++) {
+        io_model_reset();
+        ctl_init(&rig);
+        rig.config.recovery = (stm32_can_recovery_t)recovery;
+        rig.config.restart_us = 1000;
+        ctl_open(&rig, NULL, 0);
+        go_off();
+        mode();
+        rig_time.now_us += 1000;
+        mode();
+        mode();
+        us.ops->idle(us.context, CTL_RECOVERY);
+        ctl_interrupts(&rig);
+        TEST_ASSERT_TRUE(us.ops->is_on(us.context));
+        go_off();
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+        for (int i = 0; i < 5; i++) {
+            rig_time.now_us += 1000;
+            mode();
+            us.ops->idle(us.context, CTL_RECOVERY);
+            ctl_interrupts(&rig);
+        }
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, mode());
+    }
+}
+
 static void test_a_controller_that_was_reset_is_down(void) {
     ctl_open(&rig, NULL, 0);
     sends(&rig.can, 1, 1);
@@ -654,37 +750,43 @@ static void strike_bus_off(void *context, uint32_t number) {
 
 /* Bus-off between any two register accesses of a send: the frame is never sent late, and each frame
  * taken is counted. */
+static void bus_off_during_a_send(stm32_can_recovery_t recovery, uint32_t before) {
+    io_model_reset();
+    ctl_init(&rig);
+    rig.config.recovery = recovery;
+    rig.config.restart_us = 0;
+    ctl_open(&rig, NULL, 0);
+    for (uint32_t i = 0; i < before; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 2 + i, 0));
+    }
+    io_model_hook(strike_bus_off, NULL);
+    const berth_can_outcome_t outcome = sends(&rig.can, 1, 1);
+    io_model_hook(NULL, NULL);
+    if (!rig.model.boff) {
+        go_off();
+    }
+    us.ops->idle(us.context, CTL_RECOVERY); /* at once: back before anybody looks */
+    berth_can_frame_t frame;
+    if (!rig.model.boff) {
+        TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
+    }
+    for (int i = 0; i < 6; i++) {
+        state_of(&rig.can);
+        us.ops->idle(us.context, CTL_RECOVERY);
+    }
+    const berth_can_state_t state = state_of(&rig.can);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state.mode);
+    TEST_ASSERT_EQUAL_UINT32(1, state.restarts);
+    TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
+    TEST_ASSERT_EQUAL_UINT32(before + (outcome == BERTH_CAN_DONE ? 1u : 0u), state.tx_dropped);
+    RIG_VIOLATIONS(&rig);
+}
+
 static void test_bus_off_at_every_access_of_a_send(void) {
-    for (int recovery = STM32_CAN_RECOVER_AFTER; recovery <= STM32_CAN_RECOVER_AT_ONCE;
-         recovery++) {
+    for (uint32_t before = 0; before < 3; before++) {
         for (strike_at = 0; strike_at < 20; strike_at++) {
-            io_model_reset();
-            ctl_init(&rig);
-            rig.config.recovery = (stm32_can_recovery_t)recovery;
-            rig.config.restart_us = 0;
-            ctl_open(&rig, NULL, 0);
-            io_model_hook(strike_bus_off, NULL);
-            const berth_can_outcome_t outcome = sends(&rig.can, 1, 1);
-            TEST_ASSERT_TRUE(outcome == BERTH_CAN_DONE || outcome == BERTH_CAN_FAILED);
-            io_model_hook(NULL, NULL);
-            if (strike_at >= io_model_accesses() && !rig.model.boff) {
-                go_off();
-            }
-            us.ops->idle(us.context, CTL_RECOVERY); /* at once: back before anybody looks */
-            berth_can_frame_t frame;
-            if (!rig.model.boff) {
-                TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
-            }
-            for (int i = 0; i < 6; i++) {
-                state_of(&rig.can);
-                us.ops->idle(us.context, CTL_RECOVERY);
-            }
-            const berth_can_state_t state = state_of(&rig.can);
-            TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state.mode);
-            TEST_ASSERT_EQUAL_UINT32(1, state.restarts);
-            TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
-            TEST_ASSERT_EQUAL_UINT32(outcome == BERTH_CAN_DONE ? 1 : 0, state.tx_dropped);
-            RIG_VIOLATIONS(&rig);
+            bus_off_during_a_send(STM32_CAN_RECOVER_AFTER, before);
+            bus_off_during_a_send(STM32_CAN_RECOVER_AT_ONCE, before);
         }
     }
 }
@@ -798,11 +900,14 @@ int main(void) {
     RUN_TEST(test_error_passive_comes_and_goes);
     RUN_TEST(test_without_an_acknowledge_the_node_stays_passive);
     RUN_TEST(test_bus_off_drops_what_waits);
+    RUN_TEST(test_bus_off_is_noticed_by_any_call);
+    RUN_TEST(test_any_call_brings_the_bus_back);
     RUN_TEST(test_recovery_after_a_time);
     RUN_TEST(test_recovery_at_once);
     RUN_TEST(test_recovery_when_ordered);
     RUN_TEST(test_an_order_shortens_the_wait);
     RUN_TEST(test_the_second_bus_off_waits_anew);
+    RUN_TEST(test_a_second_bus_off_during_the_recovery);
     RUN_TEST(test_a_controller_that_was_reset_is_down);
     RUN_TEST(test_bus_off_at_every_access_of_a_send);
     RUN_TEST(test_frames_are_conserved_whatever_happens_when);
