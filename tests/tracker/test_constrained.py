@@ -20,8 +20,7 @@ COUNT = 1050 if SHORT else 10500
 INPUT_LIMIT = 1e-4
 RESIDUAL_LIMIT = 1e-4
 PASSES_MAX = 8
-# Of all problems, those that 8 passes do not finish: most have long horizons and both wheels far
-# beyond their limits all the way, and all begin cold.
+# Of all problems, those that 8 passes from a cold start do not finish: all have long horizons.
 STOPPED_SHARE = 0.01
 
 

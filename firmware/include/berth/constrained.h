@@ -24,11 +24,19 @@
  * quadratic in its box is followed from the measured error. When each stage's wheels are at the
  * limits that were assumed, the pass has found the optimum, for these are the conditions of
  * optimality of a convex problem. Otherwise the next pass redoes the backward sweep from the last
- * stage that differs; the stages behind it are as they were. A forward sweep that would raise the
- * cost is replaced by the best point on the line from the one before, so that every iterate is
- * feasible and costs no more than the one before it.
+ * stage that differs; the stages behind it are as they were. It takes the wheels to be where the
+ * forward sweep found them; where that raises the cost, the iterate is taken back and the next pass
+ * minimises each stage in its box at the iterate's states, with the step halved until the cost does
+ * not rise. So every iterate is feasible and costs no more than the one before it.
  *
- * Where no limit acts, one backward sweep shows it, and the command is the gain's, to the bit.
+ * Where no limit acts, one backward sweep shows it, and the command is the gain's, to the bit: the
+ * cost to go bounds the effort of all inputs together, and where that bound leaves the rims room
+ * above the plan's own speeds not even a roll-out is needed.
+ *
+ * Not every problem is done in 8 passes. Of 10,500 random ones from a cold start, with N = 1 to 40
+ * and limits of all kinds, one in 200 is not (four in five of these have N = 40, the others 20),
+ * and the first input of half of them is off by more than 1e-4 m/s; of the steps of laps with
+ * kicks, all were.
  *
  * After a step whose wheels met limits, the next one begins with the same limits one stage earlier
  * (a warm start), unless the pose or the plan has jumped. The optimum is unique: the warm start
