@@ -5,6 +5,7 @@
  * The bus carries one frame each 200 us, the one with the lowest identifier first, as arbitration
  * has it. A frame can be lost or doubled to order.
  */
+#include "berth/drive_cia402.h"
 #include "support.h"
 
 #include "bus/drive_sim.h"

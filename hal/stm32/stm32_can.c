@@ -102,6 +102,6 @@ void stm32_can_pack(const berth_can_frame_t *frame, uint32_t words[2]) {
 void stm32_can_unpack(berth_can_frame_t *frame, const uint32_t words[2]) {
     for (uint32_t i = 0; i < BERTH_CAN_DATA_MAX; i++) {
         const bool there = i < frame->length && !frame->remote;
-        frame->data[i] = there ? (uint8_t)(words[i / 4u] >> (8u * (i % 4u)) & 0xffu) : 0;
+        frame->data[i] = (uint8_t)(there ? words[i / 4u] >> (8u * (i % 4u)) & 0xffu : 0u);
     }
 }
