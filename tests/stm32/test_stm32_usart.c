@@ -11,7 +11,7 @@ static stm32f4_usart_t block;
 
 /* One byte each way, as the reference manual describes it. */
 static struct {
-    uint32_t brr, cr1;
+    uint32_t brr, cr1, cr2, cr3;
     uint8_t rdr, tdr;
     bool rxne, ore, status_read, tdr_full;
     bool stuck; /* never ready to send */
@@ -60,9 +60,14 @@ static void port_write(void *context, uint32_t offset, uint32_t value) {
     case 0x0c:
         port.cr1 = value;
         break;
-    default:
-        TEST_ASSERT_EQUAL_UINT32(0, value);
+    case 0x10:
+        port.cr2 = value;
         break;
+    case 0x14:
+        port.cr3 = value;
+        break;
+    default:
+        TEST_FAIL_MESSAGE("a register that is not modelled");
     }
 }
 
@@ -97,6 +102,9 @@ void setUp(void) {
     io_model_reset();
     io_model_map(&block, sizeof block, &ops, NULL);
     memset(&port, 0, sizeof port);
+    port.cr1 = 0xffff; /* left by an earlier program */
+    port.cr2 = 0xffff;
+    port.cr3 = 0xffff;
     TEST_ASSERT_TRUE(stm32_usart_open(&usart, &block, 84000000, 115200));
     stream = stm32_usart_stream(&usart);
 }
@@ -110,6 +118,7 @@ static byte_stream_outcome_t reads(uint8_t *bytes, size_t room, size_t *count) {
 
 static void test_opens(void) {
     TEST_ASSERT_EQUAL_HEX32(0x202c, port.cr1);
+    TEST_ASSERT_EQUAL_HEX32(0, port.cr2 | port.cr3);
     TEST_ASSERT_EQUAL_UINT32(729, port.brr); /* 84 MHz / 115200 = 729.17 */
 }
 
@@ -220,6 +229,19 @@ static void test_an_overrun_is_told_between_before_and_after(void) {
     expect_gap(1, 'z');
 }
 
+/* The flag alone: there is no byte to be had. */
+static void test_an_overrun_without_a_byte(void) {
+    usart.lost = UINT32_MAX;
+    port.ore = true;
+    port.rdr = 'q';
+    interrupts();
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, usart.lost);
+    uint8_t byte;
+    size_t count;
+    TEST_ASSERT_EQUAL_INT(BYTE_STREAM_FAILED, reads(&byte, 1, &count));
+    TEST_ASSERT_EQUAL_INT(BYTE_STREAM_AGAIN, reads(&byte, 1, &count));
+}
+
 static void test_a_full_receive_ring_is_told_likewise(void) {
     for (uint32_t i = 0; i < STM32_USART_RING + 5u; i++) {
         line_receives((uint8_t)(i & 0xffu));
@@ -241,10 +263,19 @@ static void test_the_log_writes_whole_lines_or_none(void) {
     TEST_ASSERT_EQUAL_MEMORY("hello\r\n", port.sent, 7);
     memset(text, 'x', sizeof text);
     text[STM32_USART_RING - 2u] = '\0';
-    log.api->line(log.context, text); /* just fits */
-    TEST_ASSERT_EQUAL_UINT32(0, usart.lines_dropped);
-    log.api->line(log.context, "");
+    text[STM32_USART_RING - 2u] = 'x';
+    text[STM32_USART_RING - 1u] = '\0';
+    log.api->line(log.context, text); /* its end would not fit */
     TEST_ASSERT_EQUAL_UINT32(1, usart.lines_dropped);
+    TEST_ASSERT_EQUAL_UINT32(usart.waiting.tail, usart.waiting.head);
+    text[STM32_USART_RING - 2u] = '\0';
+    log.api->line(log.context, text); /* just fits */
+    TEST_ASSERT_EQUAL_UINT32(1, usart.lines_dropped);
+    log.api->line(log.context, "");
+    TEST_ASSERT_EQUAL_UINT32(2, usart.lines_dropped);
+    usart.lines_dropped = UINT32_MAX;
+    log.api->line(log.context, "");
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, usart.lines_dropped);
 }
 
 static void test_last_words_wait_for_a_while(void) {
@@ -324,6 +355,7 @@ int main(void) {
     RUN_TEST(test_a_full_ring_takes_nothing);
     RUN_TEST(test_bytes_come_in);
     RUN_TEST(test_an_overrun_is_told_between_before_and_after);
+    RUN_TEST(test_an_overrun_without_a_byte);
     RUN_TEST(test_a_full_receive_ring_is_told_likewise);
     RUN_TEST(test_the_log_writes_whole_lines_or_none);
     RUN_TEST(test_last_words_wait_for_a_while);
