@@ -5,7 +5,7 @@
  *     CAN1       PB8 in, PB9 out, to a transceiver: 1 Mbit/s
  *
  * Interrupts all have the reset's priority, so that none interrupts another: SysTick (time), CAN1
- * FIFO 0 and status change, USART1. The longest takes some 300 instructions.
+ * FIFO 0 and status change, USART1. The longest is FIFO 0's, with up to 8 frames at once.
  */
 #ifndef BERTH_BOARDS_STM32F405_BOARD_H
 #define BERTH_BOARDS_STM32F405_BOARD_H
