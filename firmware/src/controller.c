@@ -85,7 +85,8 @@ berth_error_t berth_controller_init(berth_controller_t *controller, const berth_
         berth_riccati_gain(plan, plan->count, &controller->hold_gain);
     }
     controller->plan = plan;
-    controller->status = (berth_status_t){.error = BERTH_ERROR_STATE};
+    controller->status =
+        (berth_status_t){.error = BERTH_ERROR_STATE, .clearance_m = BERTH_RADIUS_MAX_M};
     return BERTH_OK;
 }
 

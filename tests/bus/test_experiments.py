@@ -18,6 +18,7 @@ from robot_pair import PROGRAMS, Pair, in_process
 
 DRIVES = ["odrive", "vesc", "cia402"]
 PERIOD_US = 50000
+FIGURES = Path(os.environ["BERTH_BUILD_DIR"]) / "bus_experiments.txt"
 # A machine that others share may stand still for longer than a period: then it is the machine that
 # missed the deadline, and the experiment is done again, at most so many times in all.
 ATTEMPTS = 3
@@ -39,7 +40,21 @@ def experiment(request, tmp_path_factory):
         print(f"{scenario}, attempt {attempt}: control steps at most {late} us late")
         if late <= PERIOD_US:
             break
-    return scenario, in_process(scenario), results
+    plain = in_process(scenario)
+    tell(scenario, plain, results)
+    return scenario, plain, results
+
+
+def tell(scenario, plain, results):
+    """The figures, for people: a line a run."""
+    with FIGURES.open("a" if scenario != "circle" else "w", encoding="utf-8") as file:
+        for drive, ((_, board, _), (_, robot, _), _) in results.items():
+            file.write(
+                f"{scenario}, {drive}: RMS {robot['rms_position_error_m']:.4f} m (in process "
+                f"{plain['rms_position_error_m']:.4f} m), clearance {robot['min_clearance_m']:.3f} m, "
+                f"control steps late at most {board['late_max_us'] / 1000:.1f} ms (99 %: "
+                f"{board['late_p99_us'] / 1000:.1f} ms), frames dropped "
+                f"{board['rx_lost'] + board['tx_dropped'] + board['outbox_dropped']}\n")
 
 
 def run_all(scenario, folder):
@@ -55,15 +70,12 @@ def run_all(scenario, folder):
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_done_without_a_collision_near_the_run_in_process(experiment, drive):
-    scenario, plain, results = experiment
+    _, plain, results = experiment
     (board_status, board, board_error), (robot_status, robot, robot_error), _ = results[drive]
     assert (board_status, board_error) == (0, "")
     assert (robot_status, robot_error) == (0, "")
     assert robot["collisions"] == 0 and robot["min_clearance_m"] > 0
     ratio = robot["rms_position_error_m"] / plain["rms_position_error_m"]
-    print(f"{scenario}, {drive}: RMS {robot['rms_position_error_m']:.4f} m, in process "
-          f"{plain['rms_position_error_m']:.4f} m; control steps at most {board['late_max_us']} us "
-          f"late, p99 {board['late_p99_us']} us")
     assert abs(ratio - 1) < 0.2
     assert robot["steps"] == plain["steps"]
 
