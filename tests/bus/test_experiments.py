@@ -20,8 +20,8 @@ DRIVES = ["odrive", "vesc", "cia402"]
 PERIOD_US = 50000
 FIGURES = Path(os.environ["BERTH_BUILD_DIR"]) / "bus_experiments.txt"
 # A machine that others share may stand still for longer than a period: then it is the machine that
-# missed the deadline, and the experiment is done again, at most so many times in all.
-ATTEMPTS = 3
+# missed the deadline, and that protocol's run is done again, at most so many times in all.
+ATTEMPTS = 4
 ROOT = Path(os.environ["BERTH_SOURCE_DIR"])
 
 
@@ -34,12 +34,13 @@ def run(bus, drive, scenario, record):
 def experiment(request, tmp_path_factory):
     """(scenario, summary in process, {drive: (board, robot, record)})."""
     scenario = request.param
+    results = {}
     for attempt in range(1, ATTEMPTS + 1):
-        results = run_all(scenario, tmp_path_factory.mktemp(scenario))
-        late = max(board["late_max_us"] for (_, board, _), _, _ in results.values())
-        print(f"{scenario}, attempt {attempt}: control steps at most {late} us late")
-        if late <= PERIOD_US:
+        late = [drive for drive in DRIVES if drive not in results or not punctual(results[drive])]
+        if not late:
             break
+        print(f"{scenario}, attempt {attempt}: {', '.join(late)}")
+        results |= run_all(scenario, late, tmp_path_factory.mktemp(scenario))
     plain = in_process(scenario)
     tell(scenario, plain, results)
     return scenario, plain, results
@@ -57,14 +58,19 @@ def tell(scenario, plain, results):
                 f"{board['rx_lost'] + board['tx_dropped'] + board['outbox_dropped']}\n")
 
 
-def run_all(scenario, folder):
+def punctual(result):
+    (_, board, _), _, _ = result
+    return board is not None and board["late_max_us"] <= PERIOD_US
+
+
+def run_all(scenario, drives, folder):
     """{drive: (board, robot, record)}, side by side."""
-    records = {drive: folder / f"{drive}.log" for drive in DRIVES}
-    with ThreadPoolExecutor(len(DRIVES)) as pool:
+    records = {drive: folder / f"{drive}.log" for drive in drives}
+    with ThreadPoolExecutor(len(drives)) as pool:
         runs = {drive: pool.submit(run, bus, drive, scenario, records[drive])
-                for bus, drive in zip(BUSES, DRIVES, strict=False)}
+                for bus, drive in zip(BUSES, drives, strict=False)}
     results = {drive: (*future.result(), records[drive]) for drive, future in runs.items()}
-    assert set(results) == set(DRIVES), "three interfaces are needed"
+    assert set(results) == set(drives), "an interface is needed for each"
     return results
 
 
