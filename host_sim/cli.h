@@ -34,6 +34,7 @@ typedef struct {
     bool bus;           /* `run`: board and robot on the virtual bus */
     bus_setup_t setup;  /* of the drives there */
     const char *record; /* `run` on the bus: what the board is told and does; NULL: none */
+    const char *board;  /* `run` on the bus: path of the line to a board elsewhere; NULL: here */
 } cli_options_t;
 
 /* Keys of long options, beyond those of characters. */
@@ -46,7 +47,8 @@ enum {
     CLI_STRATEGY,
     CLI_STRATEGIES,
     CLI_BUS,
-    CLI_RECORD
+    CLI_RECORD,
+    CLI_BOARD
 };
 
 /* The rows that run and compare have in their argp tables. */

@@ -1,7 +1,9 @@
 #include "bus/board_host.h"
 #include "bus/bus_report.h"
+#include "bus/remote_board.h"
 #include "cli.h"
 #include "log.h"
+#include "refusal.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -15,6 +17,10 @@ static const struct argp_option option_table[] = {
      0},
     {"record", CLI_RECORD, "FILE", 0,
      "With --bus loop: write what the board is told and does, for `berth-sim replay'", 0},
+    {"board", CLI_BOARD, "slcan:PATH", 0,
+     "With --bus loop: the board is the one at the other end of this tty, pty or unix socket, in "
+     "lock-step",
+     0},
     CLI_COMMON_OPTIONS,
     {0},
 };
@@ -26,6 +32,14 @@ static void take_bus(const char *argument, struct argp_state *state, cli_options
     options->bus = true;
 }
 
+static void take_board(const char *argument, struct argp_state *state, cli_options_t *options) {
+    static const char word[] = "slcan:";
+    if (strncmp(argument, word, sizeof word - 1) != 0 || argument[sizeof word - 1] == '\0') {
+        argp_error(state, "--board: '%s' is no line (allowed: slcan:PATH)", argument);
+    }
+    options->board = argument + sizeof word - 1;
+}
+
 /* Options of the drives mean nothing where there are none. */
 static void check_bus(struct argp_state *state, const cli_options_t *options) {
     const char *given = bus_setup_any_given(&options->setup);
@@ -34,6 +48,12 @@ static void check_bus(struct argp_state *state, const cli_options_t *options) {
     }
     if (!options->bus && options->record != NULL) {
         argp_error(state, "--record is for the bus (allowed: with --bus loop)");
+    }
+    if (!options->bus && options->board != NULL) {
+        argp_error(state, "--board is for the bus (allowed: with --bus loop)");
+    }
+    if (options->record != NULL && options->board != NULL) {
+        argp_error(state, "--record is for a board in this process (allowed: without --board)");
     }
 }
 
@@ -53,6 +73,9 @@ static error_t parse_option(int key, char *argument, struct argp_state *state) {
         return 0;
     case CLI_RECORD:
         options->record = argument;
+        return 0;
+    case CLI_BOARD:
+        take_board(argument, state, options);
         return 0;
     case CLI_STRATEGY:
         options->strategies = argument;
@@ -128,7 +151,8 @@ static bool commit_sinks(sinks_t *sinks) {
 /* What a run came to. */
 typedef struct {
     run_summary_t summary;
-    session_result_t session; /* on the bus */
+    session_result_t session;     /* on the bus */
+    remote_board_counts_t remote; /* with a board elsewhere */
 } outcome_t;
 
 /* A record with the set-up in it. */
@@ -167,6 +191,38 @@ static bool run_on_bus(const cli_options_t *options, session_config_t *config, o
     return good;
 }
 
+/* The board is at the other end of a line. */
+static bool run_remote(const cli_options_t *options, session_config_t *config, outcome_t *outcome,
+                       scenario_error_t *error) {
+    remote_board_t *board = malloc(sizeof *board);
+    if (board == NULL) {
+        return refuse(error, "out of memory");
+    }
+    bool good = remote_board_open(board, options->board, error);
+    if (good) {
+        const session_remote_t remote = remote_board(board);
+        config->remote = &remote;
+        good = run_on_bus(options, config, outcome, error);
+        config->remote = NULL;
+        outcome->remote = *remote_board_counts(board);
+        remote_board_close(board);
+    }
+    free(board);
+    return good;
+}
+
+static bool run_any(const cli_options_t *options, session_config_t *config, outcome_t *outcome,
+                    scenario_error_t *error) {
+    if (options->board != NULL) {
+        return run_remote(options, config, outcome, error);
+    }
+    if (options->bus) {
+        return run_on_bus(options, config, outcome, error);
+    }
+    return run_scenario(config->scenario, config->plan, config->seed, config->sink,
+                        &outcome->summary, error);
+}
+
 static int simulate(const cli_options_t *options, const scenario_t *scenario, sinks_t *sinks,
                     outcome_t *outcome) {
     scenario_error_t error;
@@ -183,9 +239,7 @@ static int simulate(const cli_options_t *options, const scenario_t *scenario, si
         .setup = &options->setup,
         .sink = &sink,
     };
-    const bool ok = options->bus ? run_on_bus(options, &session, outcome, &error)
-                                 : run_scenario(scenario, &plan, options->seed, &sink,
-                                                &outcome->summary, &error);
+    const bool ok = run_any(options, &session, outcome, &error);
     run_plan_free(&plan);
     if (!ok) {
         cli_complain("run", "%s", error.text);
@@ -204,7 +258,20 @@ static bool print_table(const cli_options_t *options, const scenario_t *scenario
     if (options->bus) {
         bus_report_print_session(stdout, &options->setup, &outcome->session);
     }
+    if (options->board != NULL) {
+        const remote_board_counts_t *remote = &outcome->remote;
+        printf("%-28s%14llu\n", "answers of the board", remote->trips);
+        printf("%-28s%14llu\n", "  bytes to it", remote->sent);
+        printf("%-28s%14llu\n", "  bytes from it", remote->received);
+        printf("%-28s%14.2f\n", "  wall time, s", outcome->session.wall_s);
+    }
     return fflush(stdout) == 0;
+}
+
+static json_t *remote_json(const remote_board_counts_t *remote) {
+    return json_pack("{sI, sI, sI, sI}", "answers", (json_int_t)remote->trips, "skipped",
+                     (json_int_t)remote->skipped, "bytes_sent", (json_int_t)remote->sent,
+                     "bytes_received", (json_int_t)remote->received);
 }
 
 static bool print_json(const cli_options_t *options, const outcome_t *outcome) {
@@ -212,6 +279,11 @@ static bool print_json(const cli_options_t *options, const outcome_t *outcome) {
     if (document != NULL && options->bus &&
         json_object_set_new(document, "bus",
                             bus_report_session_json(&options->setup, &outcome->session)) != 0) {
+        json_decref(document);
+        document = NULL;
+    }
+    if (document != NULL && options->board != NULL &&
+        json_object_set_new(document, "line", remote_json(&outcome->remote)) != 0) {
         json_decref(document);
         document = NULL;
     }
@@ -240,7 +312,7 @@ static int run_and_report(const cli_options_t *options, const scenario_t *scenar
         discard_sinks(&sinks);
         return CLI_USAGE;
     }
-    outcome_t outcome;
+    outcome_t outcome = {0};
     const int status = simulate(options, scenario, &sinks, &outcome);
     if (status != CLI_OK) {
         discard_sinks(&sinks);

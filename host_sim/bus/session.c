@@ -63,15 +63,57 @@ static void end_load(session_t *session) {
         can_loop_load(&session->parts.loop, session->load_us, session->load_busy_ns);
 }
 
+/* --- the board, here or elsewhere --------------------------------------------------------- */
+
+/* Without its board a session is over at once. */
+static void note(session_t *session, bool good) {
+    if (!good) {
+        session->operator= OVER;
+    }
+}
+
+static void command_board(session_t *session, berth_command_code_t code) {
+    const session_remote_t *remote = session->config->remote;
+    if (remote != NULL) {
+        note(session, remote->api->command(remote->context, code, session->now_us));
+    } else {
+        berth_board_command(&session->parts.board, code, session->now_us);
+    }
+}
+
+static void put_robot(session_t *session, const berth_pose_t *pose) {
+    const session_remote_t *remote = session->config->remote;
+    if (remote != NULL) {
+        note(session, remote->api->set_pose(remote->context, pose, SESSION_BEGIN_US));
+    } else {
+        (void)!berth_board_set_pose(&session->parts.board, pose, SESSION_BEGIN_US);
+    }
+}
+
+static void run_board(session_t *session) {
+    const session_remote_t *remote = session->config->remote;
+    if (remote != NULL) {
+        note(session, remote->api->run(remote->context, session->now_us));
+    } else {
+        berth_link_run(&session->parts.link, session->now_us);
+    }
+}
+
+static int64_t board_deadline(const session_t *session) {
+    const session_remote_t *remote = session->config->remote;
+    return remote != NULL ? remote->api->deadline(remote->context)
+                          : berth_link_deadline(&session->parts.link);
+}
+
 /* --- the operator ------------------------------------------------------------------------ */
 
 static void command(session_t *session, berth_command_code_t code, operator_t next) {
     if (session->config->record != NULL) {
         record_command(session->config->record, code, session->now_us);
     }
-    berth_board_command(&session->parts.board, code, session->now_us);
     session->operator= next;
     session->since_us = session->now_us;
+    command_board(session, code);
 }
 
 static void over(session_t *session, session_end_t end) {
@@ -163,7 +205,7 @@ static void serve_robot(session_parts_t *parts, int64_t now_us) {
 /* The next instant at which something happens. */
 static int64_t next_us(session_t *session) {
     session_parts_t *parts = &session->parts;
-    int64_t due_us = least(berth_link_deadline(&parts->link), bus_robot_deadline(parts->robot));
+    int64_t due_us = least(board_deadline(session), bus_robot_deadline(parts->robot));
     due_us = least(due_us, can_loop_deadline(&parts->loop));
     due_us = least(due_us, session->limit_us);
     return due_us > session->now_us ? due_us : session->now_us + 1;
@@ -176,7 +218,7 @@ static void run(session_t *session) {
         if (config->record != NULL) {
             record_run(config->record, session->now_us);
         }
-        berth_link_run(&parts->link, session->now_us);
+        run_board(session);
         serve_robot(parts, session->now_us);
         operate(session);
         watch_load(session);
@@ -243,7 +285,7 @@ static void tell_start(session_t *session) {
         if (session->config->record != NULL) {
             record_pose(session->config->record, &pose, SESSION_BEGIN_US);
         }
-        (void)!berth_board_set_pose(&session->parts.board, &pose, SESSION_BEGIN_US);
+        put_robot(session, &pose);
     }
 }
 
@@ -296,6 +338,37 @@ static void fill_result(session_t *session) {
     result->frames = can_loop_frames(&parts->loop);
 }
 
+static bool end_remote(session_t *session, scenario_error_t *error) {
+    const session_remote_t *remote = session->config->remote;
+    return remote == NULL || remote->api->end(remote->context, error);
+}
+
+static bool begin_remote(session_t *session, scenario_error_t *error) {
+    const session_remote_t *remote = session->config->remote;
+    return remote == NULL ||
+           remote->api->begin(remote->context, &session->parts, SESSION_BEGIN_US) ||
+           end_remote(session, error);
+}
+
+/* All that follows when the parts are set up. */
+static void carry_out(session_t *session) {
+    const session_config_t *config = session->config;
+    session_parts_t *parts = &session->parts;
+    if (config->record != NULL) {
+        record_init(config->record, parts->board.plan_crc, SESSION_BEGIN_US);
+    }
+    tell_start(session);
+    if (config->prepare != NULL) {
+        config->prepare(config->context, parts);
+    }
+    berth_can_t can = parts->can;
+    if (config->record != NULL) {
+        can = record_can(config->record, &parts->can);
+    }
+    berth_link_init(&parts->link, &parts->board, &can);
+    run(session);
+}
+
 static double wall_s(void) {
     struct timespec now;
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
@@ -317,22 +390,13 @@ bool session_run(const session_config_t *config, session_result_t *result,
     session->fault_us = session->idle_us = -1;
     session->limit_us =
         SESSION_BEGIN_US + 2 * GRACE_US + (int64_t)llround(1.0e6 * config->scenario->duration_s);
-    const bool good =
-        make_board(session, error) && make_robot(session, error) && connect(session, error);
+    bool good = make_board(session, error) && make_robot(session, error) &&
+                connect(session, error) && begin_remote(session, error);
     if (good) {
-        if (config->record != NULL) {
-            record_init(config->record, session->parts.board.plan_crc, SESSION_BEGIN_US);
-        }
-        tell_start(session);
-        if (config->prepare != NULL) {
-            config->prepare(config->context, &session->parts);
-        }
-        berth_can_t can = session->parts.can;
-        if (config->record != NULL) {
-            can = record_can(config->record, &session->parts.can);
-        }
-        berth_link_init(&session->parts.link, &session->parts.board, &can);
-        run(session);
+        carry_out(session);
+        good = end_remote(session, error);
+    }
+    if (good) {
         fill_result(session);
         result->wall_s = wall_s() - begin_s;
         result->robot.summary.wall_s = result->wall_s;

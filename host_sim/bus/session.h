@@ -34,12 +34,32 @@ typedef struct {
     berth_can_t robot_can;
 } session_parts_t;
 
+/* A board that is not in this process: at the other end of a line, say. It is set up alike: the one
+ * in parts is given to begin to compare with, and mirrors it from there on: nothing but its status'
+ * state and fault is kept up to date, and by end all that a session's result has. Frames go through
+ * parts->can. Each call returns when the board has done it; false: it is lost, and end says why. */
+typedef struct {
+    bool (*begin)(void *context, session_parts_t *parts, int64_t now_us);
+    bool (*set_pose)(void *context, const berth_pose_t *pose, int64_t now_us);
+    bool (*command)(void *context, berth_command_code_t code, int64_t now_us);
+    bool (*run)(void *context, int64_t now_us); /* as berth_link_run */
+    int64_t (*deadline)(const void *context);   /* as berth_link_deadline */
+    bool (*end)(void *context, scenario_error_t *error);
+} session_remote_api_t;
+
+typedef struct {
+    const session_remote_api_t *api;
+    void *context;
+} session_remote_t;
+
 typedef struct {
     const scenario_t *scenario;
     const run_plan_t *plan;
     uint64_t seed;
     const bus_setup_t *setup;
     const berth_board_config_t *board; /* NULL: bus_setup_board_config's */
+    const session_remote_t *remote;    /* the board is that one; NULL: in this process. Not with
+                                          record */
     const run_sink_t *sink;            /* gets the rows; may be NULL */
     record_t *record; /* open, with the set-up in it: gets what the board is told and does. NULL:
                          none. Not with a board configuration of one's own, nor with commands of
@@ -87,7 +107,8 @@ bool session_good(const session_result_t *result);
 const char *session_end_text(session_end_t end);
 
 /* Runs one session. Without pose fixes the board is told where the robot was put. False, with
- * *error filled, when the board or the robot refuses its configuration. */
+ * *error filled, when the board or the robot refuses its configuration, or a remote board is lost.
+ */
 bool session_run(const session_config_t *config, session_result_t *result, scenario_error_t *error);
 
 #endif

@@ -8,6 +8,7 @@
 #include "berth/board.h"
 #include "berth/constrained.h"
 #include "berth/controller.h"
+#include "berth/digest.h"
 #include "berth/drive.h"
 #include "berth/error.h"
 #include "berth/limits.h"
