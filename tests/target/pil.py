@@ -1,6 +1,7 @@
 """The drive board's image in the emulator, with its second serial port as a socket here, and what
 the tests put between that and a peer."""
 
+import functools
 import os
 import queue
 import re
@@ -20,6 +21,27 @@ IMAGE = BUILD / "firmware" / "boards" / "pil" / f"pil-{BOARD}.elf"
 HOST = ROOT / "build" / "gcc-release" / "host_sim"
 # Frames on the line; answers stand between them.
 LINE = re.compile(r"(t[0-9A-F]{3}|T[0-9A-F]{8})([0-8])([0-9A-F]*)\r")
+
+
+class Disturbed(AssertionError):
+    """The machine did not let one side run for a quarter of a second, and a drive's watchdog noticed."""
+
+
+def again_when_disturbed(test):
+    """Up to three attempts, each in a folder of its own."""
+
+    @functools.wraps(test)
+    def attempts(tmp_path):
+        for attempt in range(3):
+            folder = tmp_path / str(attempt)
+            folder.mkdir()
+            try:
+                return test(folder)
+            except Disturbed as error:
+                why = error
+        raise why
+
+    return attempts
 
 
 class Image:
@@ -54,6 +76,8 @@ class Image:
             self.lines.append(line)
             if text in line:
                 return line
+            if "drive: the drive " in line:
+                raise Disturbed(f"{line}, not '{text}'")
 
     def rest(self, timeout=60):
         """(exit status, all lines), once the program has ended."""

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import can
 import cantools
 
-from pil import HOST, ROOT, Image, PtyWire, SocketWire
+from pil import HOST, ROOT, Image, PtyWire, SocketWire, again_when_disturbed
 
 sys.path.insert(0, str(ROOT / "tests" / "bus"))
 from odrive_peer import CLOSED_LOOP, IDLE, INPUT_VELOCITY, REQUESTED_STATE, OdrivePeer  # noqa: E402
@@ -96,6 +96,7 @@ def was_moving(wire):
     return any(speed > 0.3 for _, _, speed in speeds(wire.frames()))
 
 
+@again_when_disturbed
 def test_stack_overflow_is_told_and_the_drives_stop_by_themselves(tmp_path):
     with driving(tmp_path, "BREAK=stack") as (image, wire, program):
         image.wait_for("FAULT memory")
@@ -108,21 +109,21 @@ def test_stack_overflow_is_told_and_the_drives_stop_by_themselves(tmp_path):
         assert [drive["watchdog_stops"] for drive in result["drives"]] == [1, 1]
 
 
+@again_when_disturbed
 def test_missed_ticks_are_a_fault(tmp_path):
     """The line is quiet meanwhile, lest the port lose bytes: that would be another fault."""
     with driving(tmp_path, "BREAK=late") as (image, wire, program):
         wire.to_board = lambda data: b""
-        line = image.wait_for("state fault")
-        assert line == "state fault: control step too late"
+        image.wait_for("state fault: control step too late")
         assert_kept(image, wire, 5)
         assert was_moving(wire)
         assert_stopped_first(wire.frames())
 
 
+@again_when_disturbed
 def test_a_plan_that_changed_is_not_armed(tmp_path):
     with driving(tmp_path, "BREAK=plan", until=None) as (image, wire, program):
-        line = image.wait_for("state fault")
-        assert line == "state fault: the plan has changed since it was checked"
+        image.wait_for("state fault: the plan has changed since it was checked")
         assert_kept(image, wire, 12)
         assert_stopped_first(wire.frames())
         assert not was_moving(wire)
@@ -130,13 +131,13 @@ def test_a_plan_that_changed_is_not_armed(tmp_path):
         assert bytes([CLOSED_LOOP, 0, 0, 0]) not in requests
 
 
+@again_when_disturbed
 def test_garbage_on_the_line_is_a_fault(tmp_path):
     rng = random.Random(SEED)
     with driving(tmp_path) as (image, wire, program):
         wait_until(lambda: was_moving(wire), 20, "motion")
         wire.to_board = lambda data: rng.randbytes(len(data))
-        line = image.wait_for("state fault")
-        assert "drive: " in line, line
+        image.wait_for("drive: no ")
         wait_until(lambda: told_faults(wire), 20, "the fault's status")
         fault = told_faults(wire)[0]
         assert fault >= 32
@@ -144,6 +145,7 @@ def test_garbage_on_the_line_is_a_fault(tmp_path):
         assert_stopped_first(wire.frames())
 
 
+@again_when_disturbed
 def test_a_host_that_hangs_is_a_fault(tmp_path):
     """It neither reads nor writes. All queues fill: the socket's, the port's, the line's, the
     board's own."""
@@ -151,8 +153,7 @@ def test_a_host_that_hangs_is_a_fault(tmp_path):
         wait_until(lambda: was_moving(wire), 20, "motion")
         wire.to_board = lambda data: b""
         wire.reading = False
-        line = image.wait_for("state fault")
-        assert line == "state fault: frames do not leave in time"
+        image.wait_for("state fault: frames do not leave in time")
         resumed = time.monotonic()
         wire.reading = True
         wait_until(lambda: told_faults(wire, resumed), 20, "the fault's status")
