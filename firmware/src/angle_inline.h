@@ -97,22 +97,33 @@ static inline float angle_atan_ratio(float num, float den) {
 }
 
 static inline float berth_atan2_inline(float y, float x) {
-    if (fabsf(y) > fabsf(x)) {
-        return angle_with_sign(ANGLE_HALF_PI, y) - angle_atan_ratio(x, y);
+    const bool steep = fabsf(y) > fabsf(x);
+    if (!steep && !(fabsf(x) > 0.0f)) {
+        return x == 0.0f ? y : x; /* both are zero, or one is NaN */
     }
-    if (x > 0.0f) {
-        return angle_atan_ratio(y, x);
+    /* one copy of the polynomial for all three cases */
+    const float ratio = angle_atan_ratio(steep ? x : y, steep ? y : x);
+    if (steep) {
+        return angle_with_sign(ANGLE_HALF_PI, y) - ratio;
     }
-    if (x < 0.0f) {
-        return angle_with_sign(BERTH_PI, y) + angle_atan_ratio(y, x);
-    }
-    return x == 0.0f ? y : x; /* both are zero, or one is NaN */
+    return x < 0.0f ? angle_with_sign(BERTH_PI, y) + ratio : ratio;
 }
 
 /* arcsin(s) = s + s z P(z), z = s^2. Least maximum relative error over [0, 1/2]: 9e-8. */
 static inline float angle_asin_core(float s, float z) {
     return s +
            s * z * (0.166655704f + z * (0.0754098296f + z * (0.0400071256f + z * 0.0500108749f)));
+}
+
+/* Arcsine of a ratio in [0, 1], without the tests of sign and range; the same bits. At 1 the square
+ * root is 0, which gives pi/2. */
+static inline float angle_asin_ratio(float x) {
+    if (x <= 0.5f) {
+        return angle_asin_core(x, x * x);
+    }
+    const float z = 0.5f * (1.0f - x);
+    const float half = angle_asin_core(sqrtf(z), z);
+    return ANGLE_HALF_PI - (half + half);
 }
 
 /* Above 1/2: arcsin(x) = pi/2 - 2 arcsin(sqrt((1 - x) / 2)). */

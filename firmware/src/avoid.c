@@ -5,6 +5,7 @@
 #include "lookahead.h"
 #include "plan_inline.h"
 #include "scalar.h"
+#include "small.h"
 
 #include <math.h>
 
@@ -35,6 +36,7 @@ typedef struct {
     float room_right_rad;
     bool free;         /* the heading is free of all active obstacles */
     bool conservative; /* within the conservative radius of some obstacle */
+    bool unseen;       /* there is an active one that the look-ahead has not begun with */
     bool coincident;   /* on the centre of one, where no heading leads away for sure */
 } view_t;
 
@@ -111,24 +113,29 @@ berth_error_t berth_avoid_check_obstacle(const berth_avoid_t *avoid,
     return BERTH_OK;
 }
 
-/* Adds an active obstacle to the view. */
-static void see(const berth_avoid_t *avoid, view_t *view, const cone_t *cone) {
+/* One copy for two callers. */
+SMALL static float asin_ratio(float x) {
+    return angle_asin_ratio(x);
+}
+
+/* Takes an active obstacle into the view. */
+static inline void see(const berth_avoid_t *avoid, view_t *view, cone_t *cone) {
     const berth_obstacle_t *obstacle = &cone->slot->obstacle;
     const float skirt = obstacle->conservative_m + avoid->config.skirt_m;
     /* G = S switches the regulated strategy off: all that is active is conservative then */
     const float conservative = obstacle->regulated_m > skirt + BERTH_RADIUS_SLACK_M
                                    ? obstacle->conservative_m
                                    : obstacle->regulated_m;
-    cone_t *seen = &view->cones[view->count];
-    *seen = *cone;
-    seen->half_rad = cone->distance_m > skirt ? berth_asin(skirt / cone->distance_m) : HALF_PI;
-    view->count++;
-    view->conservative = view->conservative || cone->distance_m <= conservative;
-    const float gap = fabsf(seen->centre_rad) - seen->half_rad;
+    const float half = cone->distance_m > skirt ? asin_ratio(skirt / cone->distance_m) : HALF_PI;
+    cone->half_rad = half;
+    if (cone->distance_m <= conservative) {
+        view->conservative = true;
+    }
+    const float gap = fabsf(cone->centre_rad) - half;
     const float room = maximum(gap - BERTH_EDGE_MARGIN_RAD, 0.0f);
     if (gap < -BERTH_FREE_TOLERANCE_RAD) {
         view->free = false;
-    } else if (seen->centre_rad > 0.0f) {
+    } else if (cone->centre_rad > 0.0f) {
         view->room_left_rad = minimum(view->room_left_rad, room);
     } else {
         view->room_right_rad = minimum(view->room_right_rad, room);
@@ -137,18 +144,21 @@ static void see(const berth_avoid_t *avoid, view_t *view, const cone_t *cone) {
 
 static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_pose_t *pose,
                  view_t *view) {
-    view->count = 0;
+    const float x_m = pose->x_m;
+    const float y_m = pose->y_m;
+    cone_t *cone = view->cones;
+    float clearance_m = BERTH_RADIUS_MAX_M;
     view->room_left_rad = BERTH_PI;
     view->room_right_rad = BERTH_PI;
     view->free = true;
     view->conservative = false;
+    view->unseen = false;
     view->coincident = false;
-    avoid->clearance_m = BERTH_RADIUS_MAX_M;
-    for (uint32_t i = 0; i < obstacles->count; i++) {
-        berth_obstacle_slot_t *slot = &obstacles->slots[i];
+    berth_obstacle_slot_t *const end = &obstacles->slots[obstacles->count];
+    for (berth_obstacle_slot_t *slot = obstacles->slots; slot != end; slot++) {
         const berth_obstacle_t *obstacle = &slot->obstacle;
-        const float dx = obstacle->x_m - pose->x_m;
-        const float dy = obstacle->y_m - pose->y_m;
+        const float dx = obstacle->x_m - x_m;
+        const float dy = obstacle->y_m - y_m;
         const float square = dx * dx + dy * dy;
         if (square > obstacle->regulated_m * obstacle->regulated_m) {
             if (slot->memory.side != 0) {
@@ -157,15 +167,21 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
             }
             continue;
         }
-        const cone_t cone = {
-            .centre_rad = berth_wrap_inline(berth_atan2(dy, dx) - pose->theta_rad),
-            .distance_m = sqrtf(square),
-            .slot = slot,
-        };
-        see(avoid, view, &cone);
-        view->coincident = view->coincident || !(cone.distance_m > 0.0f);
-        avoid->clearance_m = minimum(avoid->clearance_m, cone.distance_m - obstacle->hard_m);
+        cone->centre_rad = berth_wrap_inline(berth_atan2(dy, dx) - pose->theta_rad);
+        cone->distance_m = sqrtf(square);
+        cone->slot = slot;
+        see(avoid, view, cone);
+        if (slot->memory.scan == 0) {
+            view->unseen = true;
+        }
+        if (!(cone->distance_m > 0.0f)) {
+            view->coincident = true;
+        }
+        clearance_m = minimum(clearance_m, cone->distance_m - obstacle->hard_m);
+        cone++;
     }
+    view->count = (uint32_t)(cone - view->cones);
+    avoid->clearance_m = clearance_m;
     avoid->active = (uint8_t)view->count;
 }
 
@@ -247,9 +263,9 @@ typedef struct {
 
 /* Least speed that keeps the robot going round. */
 static float skirting_speed(const scene_t *scene, float v_mps) {
-    berth_sample_t sample;
-    plan_sample_inline(scene->plan, scene->reference->index, &sample);
-    const float v_r = sample.v_mps;
+    const berth_plan_t *plan = scene->plan;
+    const uint32_t index = scene->reference->index;
+    const float v_r = index < plan->count ? plan->samples[index].v_mps : 0.0f;
     return maximum(maximum(v_mps, v_r), scene->avoid->config.v_creep_mps);
 }
 
@@ -329,7 +345,8 @@ static void brake(berth_avoid_t *avoid, const view_t *view, berth_twist_t *comma
     for (uint32_t i = 0; i < view->count; i++) {
         const cone_t *cone = &view->cones[i];
         const float hard = cone->slot->obstacle.hard_m;
-        if (fabsf(cone->centre_rad) >= berth_asin(hard / cone->distance_m) + BRAKING_MARGIN_RAD) {
+        const float half = asin_ratio(minimum(hard / cone->distance_m, 1.0f));
+        if (fabsf(cone->centre_rad) >= half + BRAKING_MARGIN_RAD) {
             continue;
         }
         const float room = maximum(cone->distance_m - hard, 0.0f);
@@ -352,8 +369,9 @@ berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles
     if (view.free) {
         avoid->turning = 0;
     }
-    if (avoid->turning == 0) {
-        /* a turn under way needs no look-ahead, and its steps are the dear ones */
+    /* The look-ahead is far ahead of what it is needed for: it may stand while there is much else
+     * to do, but for an obstacle that it has never looked at. A turn under way does not need it. */
+    if (avoid->turning == 0 && (view.unseen || view.count < 2)) {
         lookahead_advance(avoid, obstacles, plan, reference, pose);
     }
     if (view.count == 0) {

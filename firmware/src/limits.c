@@ -27,7 +27,7 @@ void berth_limits_reset(berth_limits_t *limits) {
     limits->last = (berth_twist_t){0.0f, 0.0f};
 }
 
-static float clamp(float value, float magnitude) {
+SMALL static float clamp(float value, float magnitude) {
     if (value > magnitude) {
         return magnitude;
     }

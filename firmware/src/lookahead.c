@@ -1,7 +1,5 @@
 #include "lookahead.h"
 
-#include "plan_inline.h"
-
 /* Slots that a step looks at to find one with something to scan for. */
 #define LOOKS_PER_STEP 4u
 
@@ -141,9 +139,9 @@ bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
         /* from the current sample; backwards, over laps even, where the reference has passed the
          * exit while the robot stays by the obstacle */
         const int32_t count = (int32_t)plan->count;
-        k = (int32_t)reference->index + offset(slot, reference);
-        k = k < 0 ? k % count + count : k;
+        k = ((int32_t)reference->index + offset(slot, reference)) % count;
+        k = k < 0 ? k + count : k;
     }
-    plan_sample_inline(plan, (uint32_t)k, beyond);
+    *beyond = plan->samples[k];
     return true;
 }

@@ -4,6 +4,12 @@
 #include "check.h"
 #include "plan_inline.h"
 
+#ifdef BERTH_WITHOUT_ZOH
+#define DISCRETIZATION_MAX BERTH_DISCRETIZATION_EULER
+#else
+#define DISCRETIZATION_MAX BERTH_DISCRETIZATION_ZOH
+#endif
+
 /* Compared as floats, which hold all of these integers exactly. */
 static bool check_header(const berth_plan_t *plan, berth_refusal_t *refusal) {
     return check_value(BERTH_FIELD_PLAN_COUNT, (float)plan->count, 1.0f,
@@ -13,7 +19,7 @@ static bool check_header(const berth_plan_t *plan, berth_refusal_t *refusal) {
            check_value(BERTH_FIELD_PLAN_HORIZON, (float)plan->mpc.horizon, 1.0f,
                        (float)BERTH_HORIZON_MAX, refusal) &&
            check_value(BERTH_FIELD_PLAN_DISCRETIZATION, (float)plan->mpc.discretization, 0.0f,
-                       (float)BERTH_DISCRETIZATION_ZOH, refusal) &&
+                       (float)DISCRETIZATION_MAX, refusal) &&
            check_value(BERTH_FIELD_PLAN_GAIN_SOURCE, (float)plan->gain_source, 0.0f,
                        (float)BERTH_GAIN_ONLINE, refusal);
 }

@@ -91,6 +91,8 @@ SMALL static void riccati_row_times_a(REAL row[3], const riccati_a_t *m) {
     row[2] = m->f * x + m->g * y + row[2];
 }
 
+#ifndef BERTH_WITHOUT_ZOH
+
 /* P <- Q + A' P A in the general form. */
 static inline void riccati_propagate_zoh(riccati_p_t *p, const riccati_a_t *m, const REAL q[3]) {
     REAL row1[3] = {p->p11, p->p12, p->p13};
@@ -164,6 +166,8 @@ static inline void riccati_discretise_zoh(REAL turn, REAL way, REAL period, ricc
     b2[2] = period;
 }
 
+#endif
+
 /* Turn omega T and way v T of the stage at sample k: zero past the end of an open plan. */
 static inline void riccati_stage(const berth_plan_t *plan, uint32_t k, REAL period, REAL *turn,
                                  REAL *way) {
@@ -226,6 +230,8 @@ static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL
     riccati_gain_from_p(&p, &(riccati_a_t){1, turn, 0, way}, period, plan->mpc.r, gain);
 }
 
+#ifndef BERTH_WITHOUT_ZOH
+
 static inline void riccati_gain_zoh(const berth_plan_t *plan, uint32_t k, REAL period,
                                     REAL gain[2][3]) {
     const REAL q[3] = {(REAL)plan->mpc.q[0], (REAL)plan->mpc.q[1], (REAL)plan->mpc.q[2]};
@@ -256,17 +262,21 @@ static inline void riccati_gain_zoh(const berth_plan_t *plan, uint32_t k, REAL p
     }
 }
 
+#endif
+
 static inline void riccati_gain(const berth_plan_t *plan, uint32_t k, REAL gain[2][3]) {
     const REAL period = (REAL)plan->period_us / (REAL)1000000;
     if (k >= plan->count) {
         /* past an open plan's end all stages are alike; a large k must not overflow with N */
         k = plan->closed ? k % plan->count : plan->count;
     }
+#ifndef BERTH_WITHOUT_ZOH
     if (plan->mpc.discretization == BERTH_DISCRETIZATION_ZOH) {
         riccati_gain_zoh(plan, k, period, gain);
-    } else {
-        riccati_gain_euler(plan, k, period, gain);
+        return;
     }
+#endif
+    riccati_gain_euler(plan, k, period, gain);
 }
 
 #endif

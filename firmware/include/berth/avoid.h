@@ -73,7 +73,8 @@ extern "C" {
 /* Look-ahead for the choice of side: how far along the reference, and how many samples a step. A
  * step serves one obstacle, each in turn, with two samples for each obstacle that there is: one
  * keeps up with the reference and one gains on it; never fewer than the least nor more than the
- * most. */
+ * most. While two or more obstacles are active, and during a turn, it stands and spends what it is
+ * ahead, unless there is one that it has never looked at. */
 #ifndef BERTH_SCAN_AHEAD
 #define BERTH_SCAN_AHEAD 400
 #endif
@@ -130,7 +131,7 @@ BERTH_MUST_USE berth_error_t berth_avoid_check_obstacle(const berth_avoid_t *avo
  * keep the yaw rate must be applied after it (berth_limits_apply with keep_omega) unless the mode
  * is BERTH_MODE_TRACK. The pose must be finite. A robot exactly on an obstacle's centre has no free
  * heading: BLOCKED. Cost: constant per obstacle, some 20 instructions for one that is not active
- * and some 130 for one that is; when the heading is not free, at most (active + 1) passes over the
+ * and some 150 for one that is; when the heading is not free, at most (active + 1) passes over the
  * active ones for either side; and the look-ahead's samples. */
 berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles,
                               const berth_plan_t *plan, const berth_reference_t *reference,
