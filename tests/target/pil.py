@@ -24,15 +24,16 @@ LINE = re.compile(r"(t[0-9A-F]{3}|T[0-9A-F]{8})([0-8])([0-9A-F]*)\r")
 
 
 class Disturbed(AssertionError):
-    """The machine did not let one side run for a quarter of a second, and a drive's watchdog noticed."""
+    """Another fault: most likely, the machine did not let one side run for a quarter of a second, and
+    a drive's watchdog noticed."""
 
 
 def again_when_disturbed(test):
-    """Up to three attempts, each in a folder of its own."""
+    """Up to five attempts, each in a folder of its own."""
 
     @functools.wraps(test)
     def attempts(tmp_path):
-        for attempt in range(3):
+        for attempt in range(5):
             folder = tmp_path / str(attempt)
             folder.mkdir()
             try:
@@ -76,7 +77,7 @@ class Image:
             self.lines.append(line)
             if text in line:
                 return line
-            if "drive: the drive " in line:
+            if "state fault" in line:
                 raise Disturbed(f"{line}, not '{text}'")
 
     def rest(self, timeout=60):

@@ -9,7 +9,7 @@
  *     SELF=1                   live: arms and starts by itself, and stops at the plan's end; else
  *                              all commands come as frames
  *     PATIENT=1                time-outs of seconds, for an emulator on a busy machine
- *     BREAK=stack|late|plan    live, for tests: what goes wrong after two seconds of running: the
+ *     BREAK=stack|late|plan    live, for tests: what goes wrong 0.8 s after the start: the
  *                              stack overflows, the loop stands still for a second (PATIENT: four);
  *                              or before: the plan, copied into RAM, changes before it is armed
  */

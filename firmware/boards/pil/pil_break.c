@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#define AFTER_STEPS 40u
+#define AFTER_STEPS 16u
 #define STANDSTILL_US 1000000
 #define STANDSTILL_PATIENT_US 4000000
 #define COPY_MAX 1024u
