@@ -19,28 +19,30 @@ static berth_plan_t plan(void) {
 }
 
 static berth_board_config_t config(void) {
-    berth_board_config_t made = berth_board_config_default(0.05f, 0.3f, 50000);
+    berth_board_config_t usual = berth_board_config_default(0.05f, 0.3f, 50000);
     for (uint8_t side = 0; side < 2; side++) {
-        made.drives[side].protocol = &berth_drive_odrive;
-        made.drives[side].node = (uint8_t)(side + 1);
+        usual.drives[side].protocol = &berth_drive_odrive;
+        usual.drives[side].node = (uint8_t)(side + 1);
     }
-    made.regions.conservative_m = 2.0f; /* room for every change below */
-    made.controller.avoid.a_brake_mps2 = 2.0f;
-    return made;
+    usual.regions.conservative_m = 2.0f; /* room for every change below */
+    usual.controller.avoid.a_brake_mps2 = 2.0f;
+    return usual;
 }
 
+/* Not on the stack, which small boards have little of. */
+static berth_board_t board, other_board;
+static berth_board_config_t made, changed;
+
 static uint32_t digest(const berth_plan_t *of, const berth_board_config_t *with) {
-    berth_board_t board;
     berth_refusal_t refusal = {.field = BERTH_FIELD_NONE};
-    const berth_error_t error = berth_board_init(&board, of, with, 0, &refusal);
+    const berth_error_t error = berth_board_init(&other_board, of, with, 0, &refusal);
     TEST_ASSERT_EQUAL_MESSAGE(BERTH_OK, error, berth_field_text(refusal.field));
-    return berth_board_digest(&board);
+    return berth_board_digest(&other_board);
 }
 
 static void test_same_boards_have_the_same_digest_at_any_time(void) {
     const berth_plan_t straight = plan();
-    const berth_board_config_t made = config();
-    berth_board_t board;
+    made = config();
     berth_refusal_t refusal;
     TEST_ASSERT_EQUAL(BERTH_OK, berth_board_init(&board, &straight, &made, 7000000, &refusal));
     const uint32_t before = digest(&straight, &made);
@@ -55,7 +57,7 @@ static void test_same_boards_have_the_same_digest_at_any_time(void) {
 
 static void test_the_plan_counts(void) {
     berth_plan_t other = plan();
-    const berth_board_config_t made = config();
+    made = config();
     const uint32_t before = digest(&other, &made);
     other.mpc.q[1] = 40.5f;
     TEST_ASSERT_NOT_EQUAL(before, digest(&other, &made));
@@ -64,7 +66,7 @@ static void test_the_plan_counts(void) {
 /* Every number of the configuration, changed a little, shows. */
 #define ASSERT_COUNTS(field, value)                                                                \
     do {                                                                                           \
-        berth_board_config_t changed = config();                                                   \
+        changed = config();                                                                        \
         TEST_ASSERT_TRUE(changed.field != (value));                                                \
         changed.field = (value);                                                                   \
         TEST_ASSERT_NOT_EQUAL_MESSAGE(before, digest(&straight, &changed), #field);                \
@@ -72,7 +74,7 @@ static void test_the_plan_counts(void) {
 
 static void test_the_controllers_configuration_counts(void) {
     const berth_plan_t straight = plan();
-    const berth_board_config_t made = config();
+    made = config();
     const uint32_t before = digest(&straight, &made);
     ASSERT_COUNTS(controller.limits.wheel_radius_m, 0.051f);
     ASSERT_COUNTS(controller.limits.track_m, 0.31f);
@@ -95,7 +97,7 @@ static void test_the_controllers_configuration_counts(void) {
 
 static void test_the_drives_configuration_counts(void) {
     const berth_plan_t straight = plan();
-    const berth_board_config_t made = config();
+    made = config();
     const uint32_t before = digest(&straight, &made);
     ASSERT_COUNTS(drives[0].node, 3);
     ASSERT_COUNTS(drives[1].node, 3);
@@ -110,7 +112,7 @@ static void test_the_drives_configuration_counts(void) {
 
 static void test_odometry_and_supervisor_count(void) {
     const berth_plan_t straight = plan();
-    const berth_board_config_t made = config();
+    made = config();
     const uint32_t before = digest(&straight, &made);
     ASSERT_COUNTS(odometry.fix_gain, 0.3f);
     ASSERT_COUNTS(odometry.fix_jump_m, 0.6f);
@@ -127,8 +129,7 @@ static void test_odometry_and_supervisor_count(void) {
 
 static void test_obstacles_that_stay_count_and_others_do_not(void) {
     const berth_plan_t straight = plan();
-    const berth_board_config_t made = config();
-    berth_board_t board;
+    made = config();
     berth_refusal_t refusal;
     berth_obstacle_t obstacle = {3.0f, 1.0f, 0.3f, 0.6f, 0.9f};
     TEST_ASSERT_EQUAL(BERTH_OK, berth_board_init(&board, &straight, &made, 0, &refusal));
