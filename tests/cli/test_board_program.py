@@ -6,6 +6,8 @@ on how late a step was.
 
 import json
 import os
+import pty
+import re
 import signal
 import socket
 import subprocess
@@ -60,6 +62,40 @@ def test_the_two_programs_run_a_scenario(drive, tmp_path):
     assert json.loads(robot_out)["collisions"] == 0
     again = json.loads(sim("replay", log, "--json").stdout)
     assert again["same"] is True and again["sent"] > 100 and again["state"] == "idle"
+
+
+def test_a_terminal_shows_how_it_is_going(tmp_path):
+    """State, mode, error, clearance and bus load on one line, written over and over."""
+    path = tmp_path / "bus"
+    robot = start(ROBOT, path, "odrive", "--set", "duration_s=4", "--json")
+    deadline = time.monotonic() + 20
+    while not path.exists():
+        assert time.monotonic() < deadline and robot.poll() is None
+        time.sleep(0.01)
+    terminal, end = pty.openpty()
+    board = subprocess.Popen(
+        [BOARD, "--can", f"slcan:{path}", "--drive", "odrive", "--left", "3", "--right", "4",
+         "circle", *PATIENT], stdout=subprocess.DEVNULL, stderr=end)
+    os.close(end)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(terminal, 4096)
+        except OSError:  # the other end is closed: the program is over
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(terminal)
+    assert board.wait(timeout=60) == 0
+    finish(robot)
+    lines = shown.decode().replace("\x1b[K", "").split("\r")
+    running = [line for line in lines if line.startswith("running")]
+    assert len(running) >= 5
+    assert all(re.fullmatch(r"running +[a-z_]+ +error [\d.]+ m \| clearance (-|-?[\d.]+ m) \| "
+                            r"bus +[\d.]+ % \| late \d+\s*", line) for line in running), running
+    loads = [float(re.search(r"bus +([\d.]+) %", line)[1]) for line in running[1:]]
+    assert 0.5 < max(loads) < 20
 
 
 def test_an_interrupt_stops_the_robot(tmp_path):
