@@ -2,6 +2,7 @@
 
 #include "board_parts.h"
 #include "check.h"
+#include "count.h"
 #include "small.h"
 
 #include <math.h>
@@ -10,12 +11,6 @@
 #define FRAME_AGE_MAX_US 1000000
 
 #define REGION_MAX_M BERTH_RADIUS_MAX_M
-
-static void count(uint32_t *counter) {
-    if (*counter < UINT32_MAX) {
-        (*counter)++;
-    }
-}
 
 static uint32_t larger(uint32_t a, uint32_t b) {
     return a > b ? a : b;

@@ -2,6 +2,7 @@
 
 #include "berth/reference.h"
 #include "check.h"
+#include "count.h"
 #include "drive_protocol.h"
 #include "scalar.h"
 
@@ -15,12 +16,6 @@
 #define JUMP_TURNS 0.25f
 #define JUMP_TIME_S 0.05f
 #define JUMP_TURNS_PER_S2 250.0f
-
-static void count(uint32_t *counter) {
-    if (*counter < UINT32_MAX) {
-        (*counter)++;
-    }
-}
 
 static berth_error_t check_common(const berth_drive_config_t *config, berth_refusal_t *refusal) {
     const bool backwards = config->sign == -1;

@@ -1,10 +1,6 @@
 #include "berth/link.h"
 
-static void count(uint32_t *counter) {
-    if (*counter < UINT32_MAX) {
-        (*counter)++;
-    }
-}
+#include "count.h"
 
 void berth_link_init(berth_link_t *link, berth_board_t *board, const berth_can_t *can) {
     *link = (berth_link_t){.board = board, .can = *can};

@@ -2,6 +2,7 @@
 
 #include "angle_inline.h"
 #include "check.h"
+#include "count.h"
 
 #include <math.h>
 
@@ -25,12 +26,6 @@ berth_error_t berth_odometry_init(berth_odometry_t *odometry, const berth_odomet
     }
     *odometry = (berth_odometry_t){.config = *config, .fix_us = -1};
     return BERTH_OK;
-}
-
-static void count(uint32_t *counter) {
-    if (*counter < UINT32_MAX) {
-        (*counter)++;
-    }
 }
 
 /* Adds to a sum that carries what its rounding lost. The error of the addition is found exactly

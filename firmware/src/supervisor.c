@@ -1,6 +1,7 @@
 #include "berth/supervisor.h"
 
 #include "check.h"
+#include "count.h"
 
 #define SECOND_US 1.0e6f
 
@@ -29,12 +30,6 @@ berth_error_t berth_supervisor_init(berth_supervisor_t *supervisor,
     }
     *supervisor = (berth_supervisor_t){.config = *config, .state = BERTH_SUPERVISOR_IDLE};
     return BERTH_OK;
-}
-
-static void count(uint32_t *counter) {
-    if (*counter < UINT32_MAX) {
-        (*counter)++;
-    }
 }
 
 static void enter(berth_supervisor_t *supervisor, berth_supervisor_state_t state, int64_t now_us) {
