@@ -411,8 +411,8 @@ berth_clock_t can_loop_clock(can_loop_t *loop) {
 }
 
 bool can_loop_rule(can_loop_t *loop, const can_loop_rule_t *rule) {
-    if (loop->rule_count >= CAN_LOOP_RULES_MAX ||
-        !(rule->probability >= 0.0 && rule->probability <= 1.0)) {
+    if (loop->rule_count >= CAN_LOOP_RULES_MAX || !(rule->probability >= 0.0) ||
+        !(rule->probability <= 1.0)) {
         return false;
     }
     loop->rules[loop->rule_count] = (can_loop_ordered_t){.rule = *rule};
