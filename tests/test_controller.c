@@ -406,7 +406,7 @@ static void test_room_for_so_many_obstacles(void) {
     const berth_obstacle_t one_more = {5.0f, 5.0f, 0.1f, 0.2f, 0.4f};
     berth_refusal_t refusal;
     init(&controller);
-    for (int i = 0; i < BERTH_OBSTACLES_MAX; i++) {
+    for (uint32_t i = 0; i < BERTH_OBSTACLES_MAX; i++) {
         add(&controller, 1.2f + 0.01f * (float)i, 0.1f);
     }
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_CAPACITY,

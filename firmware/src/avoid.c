@@ -171,7 +171,7 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
         cone->distance_m = sqrtf(square);
         cone->slot = slot;
         see(avoid, view, cone);
-        if (slot->memory.scan == 0) {
+        if (slot->memory.scan == 0u) {
             view->unseen = true;
         }
         if (!(cone->distance_m > 0.0f)) {
@@ -371,10 +371,10 @@ berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles
     }
     /* The look-ahead is far ahead of what it is needed for: it may stand while there is much else
      * to do, but for an obstacle that it has never looked at. A turn under way does not need it. */
-    if (avoid->turning == 0 && (view.unseen || view.count < 2)) {
+    if (avoid->turning == 0 && (view.unseen || view.count < 2u)) {
         lookahead_advance(avoid, obstacles, plan, reference, pose);
     }
-    if (view.count == 0) {
+    if (view.count == 0u) {
         return BERTH_MODE_TRACK;
     }
     command->v_mps = maximum(command->v_mps, 0.0f); /* it sees where it is going only ahead */

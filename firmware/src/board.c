@@ -28,8 +28,8 @@ berth_board_config_t berth_board_config_default(float wheel_radius_m, float trac
         .counts_per_turn = 4096,
         .velocity_units_per_rps = 4096.0f,
         .period_us = period_us,
-        .feedback_timeout_us = larger(3 * period_us, 100000),
-        .heartbeat_timeout_us = larger(3 * period_us, 500000),
+        .feedback_timeout_us = larger(3u * period_us, 100000u),
+        .heartbeat_timeout_us = larger(3u * period_us, 500000u),
         .enable_timeout_us = 5000000,
     };
     return (berth_board_config_t){
@@ -41,8 +41,8 @@ berth_board_config_t berth_board_config_default(float wheel_radius_m, float trac
                      .fix_jump_m = 0.5f,
                      .fix_jump_rad = 0.5f},
         .supervisor = {.fix_timeout_us = 0,
-                       .period_late_us = 3 * period_us,
-                       .transmit_timeout_us = larger(2 * period_us, 20000),
+                       .period_late_us = 3u * period_us,
+                       .transmit_timeout_us = larger(2u * period_us, 20000u),
                        .arm_timeout_us = 10000000,
                        .stop_timeout_us = 2000000,
                        .standing_radps = 0.2f,
@@ -69,7 +69,7 @@ static berth_error_t check_regions(const berth_board_t *board, const berth_board
 
 static berth_error_t init_drives(berth_board_t *board, const berth_board_config_t *config,
                                  berth_refusal_t *refusal) {
-    for (uint32_t side = 0; side < 2; side++) {
+    for (uint32_t side = 0; side < 2u; side++) {
         berth_drive_config_t drive = config->drives[side];
         drive.period_us = board->period_us;
         const berth_error_t error = berth_drive_init(&board->drives[side], &drive, refusal);
@@ -249,7 +249,7 @@ static void act(berth_board_t *board, int64_t now_us) {
             break;
         case BERTH_SUPERVISOR_FAULT:
             stop_wheels(board, now_us);
-            if (board->telemetry_periods > 0) {
+            if (board->telemetry_periods > 0u) {
                 board_put_status(board);
             }
             break;
@@ -317,7 +317,7 @@ static bool take_obstacle(berth_board_t *board, const berth_can_frame_t *frame, 
     if (!berth_message_decode_obstacle(frame, &message)) {
         return false;
     }
-    if (message.ttl_ms == 0) {
+    if (message.ttl_ms == 0u) {
         berth_controller_remove_obstacle(&board->controller, message.id);
         return true;
     }

@@ -10,8 +10,8 @@ void board_put_status(berth_board_t *board) {
         .active = control->active,
         .finished = control->finished,
         .braking = control->braking,
-        .limited = control->limited != 0,
-        .clearance_m = control->active > 0 ? control->clearance_m : -1.0f,
+        .limited = control->limited != 0u,
+        .clearance_m = control->active > 0u ? control->clearance_m : -1.0f,
     };
     berth_can_frame_t frame;
     berth_message_encode_status(&frame, board->address, &status);
@@ -35,10 +35,10 @@ static void put_error(berth_board_t *board) {
 }
 
 void board_put_telemetry(berth_board_t *board) {
-    if (board->telemetry_periods == 0) {
+    if (board->telemetry_periods == 0u) {
         return;
     }
-    if (board->telemetry_left > 1) {
+    if (board->telemetry_left > 1u) {
         board->telemetry_left--;
         return;
     }

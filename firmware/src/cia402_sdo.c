@@ -68,15 +68,15 @@ static const request_t requests[] = {
     {0x1A01, 0, 1, VALUE_AS_IS, WHEN_POSITION, 1},
     {0x1801, 1, 4, VALUE_PLUS_NODE, WHEN_POSITION, NO_REMOTE | CIA402_ID_TPDO2},
 
-    {0x1802, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x380},
-    {0x1803, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x480},
+    {0x1802, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x380u},
+    {0x1803, 1, 4, VALUE_PLUS_NODE, WHEN_OPTIONAL, INVALID_PDO | NO_REMOTE | 0x480u},
 
     /* some drives tell another mode until operation is enabled */
     {0x6061, 0, SIZE_UPLOAD, VALUE_MODE, WHEN_ALWAYS, 0},
 };
 
 #define REQUESTS (sizeof requests / sizeof requests[0])
-#define CHECK_REQUEST (REQUESTS - 1)
+#define CHECK_REQUEST (REQUESTS - 1u)
 
 _Static_assert(REQUESTS <= UINT8_MAX, "the request's number is a byte");
 
@@ -95,20 +95,20 @@ enum {
 static uint32_t interpolation_period(const berth_drive_config_t *config, bool exponent) {
     uint32_t value = cia402_sync_period_us(config);
     uint32_t power = 0;
-    while (power < 3 && (value > UINT8_MAX || value % 10 == 0)) {
-        value = (value + 5) / 10;
+    while (power < 3u && (value > UINT8_MAX || value % 10u == 0u)) {
+        value = (value + 5u) / 10u;
         power++;
     }
     return exponent ? (uint32_t)(uint8_t)(power - 6u) : value;
 }
 
 static uint32_t request_value(const berth_drive_config_t *config, const request_t *request) {
-    const uint32_t timeout_ms = config->heartbeat_timeout_us / 1000;
+    const uint32_t timeout_ms = config->heartbeat_timeout_us / 1000u;
     switch (request->kind) {
     case VALUE_PLUS_NODE:
         return request->value + config->node;
     case VALUE_PRODUCER:
-        return timeout_ms / 3;
+        return timeout_ms / 3u;
     case VALUE_CONSUMER:
         return (uint32_t)config->master_node << 16 | timeout_ms;
     case VALUE_MODE:
@@ -123,7 +123,7 @@ static uint32_t request_value(const berth_drive_config_t *config, const request_
 }
 
 static bool wanted(const berth_drive_config_t *config, const request_t *request) {
-    return ((request->when & WHEN_MODE_9) == 0 || config->mode == 9) &&
+    return ((request->when & WHEN_MODE_9) == 0 || config->mode == 9u) &&
            ((request->when & WHEN_POSITION) == 0 || config->has_position);
 }
 
@@ -179,7 +179,7 @@ void cia402_setup_check(berth_drive_t *drive, int64_t at_us) {
 static void ask(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     const request_t *request = &requests[state->request];
-    if (state->stage == CIA402_SETUP && (state->tries > 0 || state->request == 0)) {
+    if (state->stage == CIA402_SETUP && (state->tries > 0u || state->request == 0u)) {
         cia402_put_nmt(drive, CIA402_NMT_ENTER_PREOPERATIONAL, outbox);
     }
     const berth_can_frame_t frame =

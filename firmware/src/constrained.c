@@ -324,7 +324,7 @@ static reader_t open_reader(const berth_constrained_t *w, const berth_plan_t *pl
                             uint32_t index) {
     const uint32_t k = riccati_last_stage(plan, index);
     const uint32_t last = plan->count - 1u;
-    const uint32_t left = index < plan->count ? plan->count - index : 0;
+    const uint32_t left = index < plan->count ? plan->count - index : 0u;
     const bool ends = !plan->closed && left < w->horizon;
     return (reader_t){.sample = &plan->samples[k < last ? k : last],
                       .first = plan->samples,

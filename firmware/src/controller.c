@@ -9,7 +9,8 @@
 #include <math.h>
 
 /* On a 32-bit target, with the default capacity: the state has to leave room on small boards. */
-_Static_assert(sizeof(void *) > 4 || BERTH_OBSTACLES_MAX > 16 || sizeof(berth_controller_t) <= 1024,
+_Static_assert(sizeof(void *) > 4u || BERTH_OBSTACLES_MAX > 16u ||
+                   sizeof(berth_controller_t) <= 1024u,
                "RAM budget of the controller");
 
 berth_config_t berth_config_default(float wheel_radius_m, float track_m) {
@@ -113,7 +114,7 @@ static berth_error_t check_obstacle(const berth_controller_t *controller,
 berth_error_t berth_controller_add_obstacle(berth_controller_t *controller,
                                             const berth_obstacle_t *obstacle,
                                             berth_refusal_t *refusal) {
-    const uint32_t index = controller != NULL ? controller->obstacles.count : 0;
+    const uint32_t index = controller != NULL ? controller->obstacles.count : 0u;
     const berth_error_t error = check_obstacle(controller, obstacle, index, refusal);
     return error == BERTH_OK ? berth_obstacles_add(&controller->obstacles, obstacle) : error;
 }

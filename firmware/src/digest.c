@@ -5,7 +5,7 @@
 static uint32_t add_word(uint32_t crc, uint32_t word) {
     crc ^= word;
     for (int bit = 0; bit < 32; bit++) {
-        crc = (crc >> 1) ^ ((crc & 1u) != 0 ? 0xedb88320u : 0u);
+        crc = (crc >> 1) ^ ((crc & 1u) != 0u ? 0xedb88320u : 0u);
     }
     return crc;
 }

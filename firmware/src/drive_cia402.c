@@ -10,11 +10,11 @@ _Static_assert(BERTH_PERIOD_MAX_US / BERTH_CIA402_SYNC_US < UINT8_MAX, "SYNCs le
 #define VELOCITY_LIMIT 2147483520.0f
 
 static berth_error_t check(const berth_drive_config_t *config, berth_refusal_t *refusal) {
-    const uint32_t periods_us = 2 * config->period_us;
-    const float shortest_us = periods_us > 3000 ? (float)periods_us : 3000.0f;
+    const uint32_t periods_us = 2u * config->period_us;
+    const float shortest_us = periods_us > 3000u ? (float)periods_us : 3000.0f;
     const bool good =
         drive_check_node(config, 1.0f, 127.0f, refusal) == BERTH_OK &&
-        (config->mode == 9 ||
+        (config->mode == 9u ||
          check_value(BERTH_FIELD_DRIVE_MODE, (float)config->mode, 3.0f, 3.0f, refusal)) &&
         check_value(BERTH_FIELD_MASTER_NODE,
                     config->master_node == config->node ? 0.0f : (float)config->master_node, 1.0f,
@@ -104,7 +104,7 @@ static drive_frame_t receive_emergency(berth_drive_t *drive, const berth_can_fra
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     state->error_code = get_u16_le(frame->data);
     const bool old = drive->status.state == BERTH_DRIVE_STARTING && !state->healthy;
-    if (state->error_code != 0 && !old) {
+    if (state->error_code != 0u && !old) {
         drive_fail(drive, BERTH_DRIVE_FAULT_EMERGENCY, state->error_code);
     }
     return DRIVE_FRAME_GOOD;
@@ -205,7 +205,7 @@ static void sync_between(berth_drive_t *drive, int64_t now_us, berth_outbox_t *o
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     const int64_t period_us = cia402_sync_period_us(&drive->config);
     bool put = false;
-    while (state->syncs > 0 && now_us >= state->sync_us) {
+    while (state->syncs > 0u && now_us >= state->sync_us) {
         put = now_us - state->sync_us <= period_us / 2;
         state->syncs--;
         state->sync_us += period_us;
@@ -232,7 +232,7 @@ static int64_t deadline(const berth_drive_t *drive) {
     const berth_drive_cia402_state_t *state = &drive->state.cia402;
     const bool timed = drive->status.state == BERTH_DRIVE_STARTING && state->stage != CIA402_RUN;
     const int64_t due_us = timed ? state->due_us : BERTH_TIME_MAX_US;
-    return state->syncs > 0 && state->sync_us < due_us ? state->sync_us : due_us;
+    return state->syncs > 0u && state->sync_us < due_us ? state->sync_us : due_us;
 }
 
 static uint32_t progress(const berth_drive_t *drive) {

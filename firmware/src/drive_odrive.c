@@ -93,7 +93,7 @@ static void cycle(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) 
 
 static void starting(berth_drive_t *drive, int64_t at_us) {
     berth_drive_odrive_state_t *state = &drive->state.odrive;
-    const bool good = state->error == 0 && state->axis_state == STATE_CLOSED_LOOP;
+    const bool good = state->error == 0u && state->axis_state == STATE_CLOSED_LOOP;
     if (good && at_us >= state->asked_us) {
         state->step = STEP_DONE;
         drive_enabled(drive);
@@ -105,7 +105,7 @@ static void starting(berth_drive_t *drive, int64_t at_us) {
 
 static drive_frame_t heartbeat(berth_drive_t *drive, const berth_can_frame_t *frame,
                                int64_t at_us) {
-    if (frame->remote || frame->length < 5 || frame->length > BERTH_CAN_DATA_MAX) {
+    if (frame->remote || frame->length < 5u || frame->length > BERTH_CAN_DATA_MAX) {
         return DRIVE_FRAME_MALFORMED;
     }
     berth_drive_odrive_state_t *state = &drive->state.odrive;
@@ -114,7 +114,7 @@ static drive_frame_t heartbeat(berth_drive_t *drive, const berth_can_frame_t *fr
     drive_alive(drive, at_us);
     if (drive->status.state == BERTH_DRIVE_STARTING) {
         starting(drive, at_us);
-    } else if (!state->stopped_hard && state->error != 0) {
+    } else if (!state->stopped_hard && state->error != 0u) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, state->error);
     } else if (!state->stopped_hard && state->axis_state != STATE_CLOSED_LOOP) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DISABLED, state->axis_state);
@@ -193,7 +193,7 @@ static void step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     if (drive->status.state != BERTH_DRIVE_STARTING) {
         return;
     }
-    if (state->error != 0 && now_us > drive->enabling_us + drive->config.enable_timeout_us) {
+    if (state->error != 0u && now_us > drive->enabling_us + drive->config.enable_timeout_us) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, state->error);
         return;
     }

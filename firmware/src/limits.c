@@ -63,7 +63,7 @@ static uint8_t scale_to_limits(const berth_limits_config_t *config, berth_twist_
         scale = rim_max / rim;
         limited |= BERTH_LIMITED_WHEEL;
     }
-    if (limited != 0) {
+    if (limited != 0u) {
         /* the product may round to one unit above the limit */
         command->v_mps = clamp(command->v_mps * scale, config->v_max_mps);
         command->omega_radps = clamp(command->omega_radps * scale, config->omega_max_radps);
@@ -133,7 +133,7 @@ uint8_t berth_limits_apply(berth_limits_t *limits, const berth_limits_config_t *
             approach(last.omega_radps, command->omega_radps, config->alpha_max_radps2 * period_s,
                      BERTH_LIMITED_ALPHA, &slowed);
     }
-    if (slowed != 0) {
+    if (slowed != 0u) {
         limited |= slowed;
         fit_wheels(&last, config, command, &limited);
     }

@@ -55,7 +55,7 @@ static uint32_t scan(berth_obstacle_slot_t *slot, const berth_plan_t *plan,
         }
         k %= plan->count;
     }
-    uint32_t run = ahead < BERTH_SCAN_AHEAD ? BERTH_SCAN_AHEAD - ahead : 0;
+    uint32_t run = ahead < BERTH_SCAN_AHEAD ? BERTH_SCAN_AHEAD - ahead : 0u;
     run = run < budget ? run : budget;
     run = run < plan->count - k ? run : plan->count - k;
     const berth_sample_t *samples = &plan->samples[k];
@@ -101,8 +101,8 @@ void lookahead_start(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const b
         slot->memory =
             (berth_obstacle_memory_t){.scan = SCAN_SEEKS_INSIDE, .cursor = reference->total};
         uint32_t used = 1;
-        for (uint32_t left = BERTH_SCAN_AHEAD; left > 0 && used > 0; left -= used) {
-            used = slot->memory.scan == SCAN_FOUND ? 0 : scan(slot, plan, reference, left);
+        for (uint32_t left = BERTH_SCAN_AHEAD; left > 0u && used > 0u; left -= used) {
+            used = slot->memory.scan == SCAN_FOUND ? 0u : scan(slot, plan, reference, left);
         }
     }
 }
@@ -113,7 +113,7 @@ void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const
     const uint32_t looks = count < LOOKS_PER_STEP ? count : LOOKS_PER_STEP;
     uint32_t next = avoid->scan_next;
     for (uint32_t i = 0; i < looks; i++) {
-        next = next < count ? next : 0;
+        next = next < count ? next : 0u;
         berth_obstacle_slot_t *slot = &obstacles->slots[next];
         next++;
         renew(slot, reference, pose);

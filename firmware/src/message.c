@@ -44,7 +44,7 @@ static int32_t to_units(float value, uint32_t per_unit, int32_t most) {
         const uint64_t half = (uint64_t)1 << (shift - 1u);
         const uint64_t rest = product & (2u * half - 1u);
         whole = product >> shift;
-        if (rest > half || (rest == half && (whole & 1u) != 0)) {
+        if (rest > half || (rest == half && (whole & 1u) != 0u)) {
             whole++;
         }
     }
@@ -176,7 +176,7 @@ static uint32_t at_most(uint32_t value, uint32_t most) {
 }
 
 static uint32_t clearance_to_units(const berth_message_status_t *status) {
-    if (status->active == 0) {
+    if (status->active == 0u) {
         return CLEARANCE_NONE;
     }
     const float clearance = status->clearance_m;
@@ -212,9 +212,9 @@ bool berth_message_decode_status(const berth_can_frame_t *frame, berth_message_s
         .fault = frame->data[1],
         .total = get_u24_le(&frame->data[2]),
         .active = flags & ACTIVE_MOST,
-        .finished = (flags & 0x20u) != 0,
-        .braking = (flags & 0x40u) != 0,
-        .limited = (flags & 0x80u) != 0,
+        .finished = (flags & 0x20u) != 0u,
+        .braking = (flags & 0x40u) != 0u,
+        .limited = (flags & 0x80u) != 0u,
         .clearance_m =
             clearance == CLEARANCE_NONE ? -1.0f : from_units((int32_t)clearance, (float)MILLIS),
     };

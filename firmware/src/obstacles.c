@@ -92,7 +92,7 @@ void berth_obstacles_remove(berth_obstacles_t *obstacles, uint16_t id) {
     }
     obstacles->count--;
     for (uint32_t i = place; i < obstacles->count; i++) {
-        obstacles->slots[i] = obstacles->slots[i + 1];
+        obstacles->slots[i] = obstacles->slots[i + 1u];
     }
 }
 

@@ -41,11 +41,11 @@ bool berth_outbox_put(berth_outbox_t *outbox, const berth_can_frame_t *frame,
 }
 
 const berth_can_frame_t *berth_outbox_front(const berth_outbox_t *outbox) {
-    return outbox->count > 0 ? &outbox->frames[outbox->first] : NULL;
+    return outbox->count > 0u ? &outbox->frames[outbox->first] : NULL;
 }
 
 void berth_outbox_pop(berth_outbox_t *outbox) {
-    if (outbox->count > 0) {
+    if (outbox->count > 0u) {
         outbox->first = (uint8_t)slot(outbox, 1);
         outbox->count--;
     }

@@ -43,7 +43,7 @@ static bool check_rows(const berth_plan_t *plan, berth_refusal_t *refusal) {
     for (uint32_t k = 0; k < plan->count; k++) {
         bool good = check_sample(&plan->samples[k], refusal);
         if (good && plan->gains != NULL) {
-            for (uint32_t row = 0; good && row < 2; row++) {
+            for (uint32_t row = 0; good && row < 2u; row++) {
                 good = check_vector(BERTH_FIELD_GAIN, plan->gains[k].k[row], 3, -BERTH_GAIN_MAX,
                                     BERTH_GAIN_MAX, refusal);
             }

@@ -131,12 +131,14 @@ SMALL static void riccati_eliminate_column(riccati_p_t *p, const REAL b[3], REAL
 static inline void riccati_turn_factors(REAL a, REAL *c2, REAL *s3) {
     const REAL z = a * a;
     if (z < (REAL)0.0625) {
-        *c2 = (REAL)1 / 2 +
-              z * ((REAL)-1 / 24 +
-                   z * ((REAL)1 / 720 + z * ((REAL)-1 / 40320 + z * ((REAL)1 / 3628800))));
-        *s3 = (REAL)1 / 6 +
-              z * ((REAL)-1 / 120 +
-                   z * ((REAL)1 / 5040 + z * ((REAL)-1 / 362880 + z * ((REAL)1 / 39916800))));
+        *c2 = (REAL)1 / (REAL)2 +
+              z * ((REAL)-1 / (REAL)24 +
+                   z * ((REAL)1 / (REAL)720 +
+                        z * ((REAL)-1 / (REAL)40320 + z * ((REAL)1 / (REAL)3628800))));
+        *s3 = (REAL)1 / (REAL)6 +
+              z * ((REAL)-1 / (REAL)120 +
+                   z * ((REAL)1 / (REAL)5040 +
+                        z * ((REAL)-1 / (REAL)362880 + z * ((REAL)1 / (REAL)39916800))));
         return;
     }
     REAL sine;
@@ -188,7 +190,7 @@ static inline uint32_t riccati_last_stage(const berth_plan_t *plan, uint32_t k) 
 }
 
 static inline uint32_t riccati_stage_before(const berth_plan_t *plan, uint32_t k) {
-    return plan->closed && k == 0 ? plan->count - 1u : k - 1u;
+    return plan->closed && k == 0u ? plan->count - 1u : k - 1u;
 }
 
 /* With both inputs eliminated, K = R^-1 B' P A (Euler form). */
@@ -221,7 +223,7 @@ static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL
         riccati_stage(plan, stage, period, &turn, &way);
         (void)riccati_eliminate_u1(&p, rho1, unused);
         (void)riccati_eliminate_u2(&p, rho2, unused);
-        if (i <= 1) {
+        if (i <= 1u) {
             break;
         }
         riccati_propagate_euler(&p, turn, way, q);
@@ -237,7 +239,7 @@ static inline void riccati_gain_zoh(const berth_plan_t *plan, uint32_t k, REAL p
     const REAL q[3] = {(REAL)plan->mpc.q[0], (REAL)plan->mpc.q[1], (REAL)plan->mpc.q[2]};
     riccati_p_t p = {q[0], 0, 0, q[1], 0, q[2]};
     uint32_t stage = riccati_last_stage(plan, k);
-    for (uint32_t i = plan->mpc.horizon; i > 0; i--) {
+    for (uint32_t i = plan->mpc.horizon; i > 0u; i--) {
         REAL turn;
         REAL way;
         riccati_a_t m;
@@ -247,7 +249,7 @@ static inline void riccati_gain_zoh(const berth_plan_t *plan, uint32_t k, REAL p
         riccati_discretise_zoh(turn, way, period, &m, b1, b2);
         riccati_eliminate_column(&p, b1, (REAL)plan->mpc.r[0], gain[0]);
         riccati_eliminate_column(&p, b2, (REAL)plan->mpc.r[1], gain[1]);
-        if (i > 1) {
+        if (i > 1u) {
             riccati_propagate_zoh(&p, &m, q);
             stage = riccati_stage_before(plan, stage);
             continue;

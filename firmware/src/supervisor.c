@@ -14,8 +14,8 @@ berth_error_t berth_supervisor_init(berth_supervisor_t *supervisor,
                                     const berth_supervisor_config_t *config,
                                     berth_refusal_t *refusal) {
     const bool good =
-        (config->fix_timeout_us == 0 || check_time(BERTH_FIELD_FIX_TIMEOUT, config->fix_timeout_us,
-                                                   3600.0f * SECOND_US, refusal)) &&
+        (config->fix_timeout_us == 0u || check_time(BERTH_FIELD_FIX_TIMEOUT, config->fix_timeout_us,
+                                                    3600.0f * SECOND_US, refusal)) &&
         check_time(BERTH_FIELD_PERIOD_LATE, config->period_late_us, 10.0f * SECOND_US, refusal) &&
         check_time(BERTH_FIELD_TRANSMIT_TIMEOUT, config->transmit_timeout_us, 10.0f * SECOND_US,
                    refusal) &&
@@ -109,7 +109,7 @@ void berth_supervisor_command(berth_supervisor_t *supervisor, berth_command_code
 
 static bool fix_too_old(const berth_supervisor_t *supervisor,
                         const berth_supervisor_inputs_t *inputs) {
-    return supervisor->config.fix_timeout_us > 0 &&
+    return supervisor->config.fix_timeout_us > 0u &&
            inputs->fix_age_us > supervisor->config.fix_timeout_us;
 }
 

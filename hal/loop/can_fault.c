@@ -5,12 +5,12 @@
 /* Counts a call; true when the order picks it. */
 static bool picked(can_fault_t *fault, uint32_t call) {
     bool pick = false;
-    if (fault->ordered && (fault->order.calls & call) != 0) {
+    if (fault->ordered && (fault->order.calls & call) != 0u) {
         const uint64_t number = fault->counts[fault->order.calls];
         pick = number >= fault->order.first && number - fault->order.first < fault->order.count;
     }
     for (uint32_t set = 1; set < SETS; set++) {
-        if ((set & call) != 0) {
+        if ((set & call) != 0u) {
             fault->counts[set]++;
         }
     }
@@ -56,7 +56,7 @@ bool can_fault_order(can_fault_t *fault, const can_fault_order_t *order) {
     const bool mode = order->mode == BERTH_CAN_ERROR_ACTIVE ||
                       order->mode == BERTH_CAN_ERROR_PASSIVE || order->mode == BERTH_CAN_BUS_OFF ||
                       order->mode == BERTH_CAN_DOWN;
-    if (order->calls == 0 || order->calls > CAN_FAULT_ANY || !outcome || !mode) {
+    if (order->calls == 0u || order->calls > CAN_FAULT_ANY || !outcome || !mode) {
         return false;
     }
     fault->order = *order;
@@ -69,7 +69,7 @@ void can_fault_clear(can_fault_t *fault) {
 }
 
 uint64_t can_fault_calls(const can_fault_t *fault, uint32_t calls) {
-    return calls < SETS ? fault->counts[calls] : 0;
+    return calls < SETS ? fault->counts[calls] : 0u;
 }
 
 uint64_t can_fault_answered(const can_fault_t *fault) {

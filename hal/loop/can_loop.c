@@ -11,8 +11,9 @@
 #define DELAY_MAX_US INT64_C(1000000000000000)
 #define COUNTER_MAX 255u
 
-_Static_assert(CAN_LOOP_NODES_MAX >= 1 && CAN_LOOP_NODES_MAX <= 32, "deaf has a bit for each node");
-_Static_assert(CAN_LOOP_TX_MAX >= 1 && CAN_LOOP_RX_MAX >= 1, "queues hold something");
+_Static_assert(CAN_LOOP_NODES_MAX >= 1u && CAN_LOOP_NODES_MAX <= 32u,
+               "deaf has a bit for each node");
+_Static_assert(CAN_LOOP_TX_MAX >= 1u && CAN_LOOP_RX_MAX >= 1u, "queues hold something");
 
 /* What happens next, and when. */
 typedef enum { NOTHING, WIRE_END, LATE_DUE, NODE_BACK, FRAME_START } kind_t;
@@ -32,7 +33,7 @@ static int64_t later(int64_t a, int64_t b) {
 }
 
 bool can_loop_init(can_loop_t *loop, uint32_t bit_rate, int64_t now_us, uint64_t seed) {
-    if (bit_rate < BIT_RATE_MIN || bit_rate > CAN_LOOP_BIT_RATE || SECOND_NS % bit_rate != 0 ||
+    if (bit_rate < BIT_RATE_MIN || bit_rate > CAN_LOOP_BIT_RATE || SECOND_NS % bit_rate != 0u ||
         now_us < 0 || now_us > CAN_LOOP_TIME_MAX_US) {
         return false;
     }
@@ -63,7 +64,7 @@ static next_t next_start(const can_loop_t *loop) {
         const can_loop_waiting_t *w = &node->tx[node->tx_first];
         if (babbles(node, free_ns)) {
             w = &node->babble;
-        } else if (node->tx_count == 0) {
+        } else if (node->tx_count == 0u) {
             continue;
         }
         const int64_t at_ns = later(free_ns, w->queued_ns);
@@ -110,14 +111,14 @@ static bool rule_fits(const can_loop_rule_t *rule, uint32_t node, const berth_ca
         return false;
     }
     return !rule->filtered ||
-           (f->extended == frame->extended && ((frame->id ^ f->id) & f->mask) == 0);
+           (f->extended == frame->extended && ((frame->id ^ f->id) & f->mask) == 0u);
 }
 
 static bool rule_acts(can_loop_t *loop, can_loop_ordered_t *ordered) {
     const uint64_t number = ordered->seen;
     ordered->seen++;
     if (number < ordered->rule.skip ||
-        (ordered->rule.count != 0 && number - ordered->rule.skip >= ordered->rule.count)) {
+        (ordered->rule.count != 0u && number - ordered->rule.skip >= ordered->rule.count)) {
         return false;
     }
     return ordered->rule.probability >= 1.0 || draw(loop) < ordered->rule.probability;
@@ -193,7 +194,7 @@ static void start_frame(can_loop_t *loop, const next_t *next) {
     uint32_t bits = w->bits;
     if (wire->action.corrupt) {
         const uint32_t ordered = wire->action.error_bit;
-        bits = ordered > 0 && ordered < w->bits ? ordered : w->bits - CAN_WIRE_EOF;
+        bits = ordered > 0u && ordered < w->bits ? ordered : w->bits - CAN_WIRE_EOF;
     } else if (!wire->acknowledged) {
         bits = w->bits - CAN_WIRE_EOF - 1u;
     }
@@ -258,10 +259,10 @@ static void deliver(can_loop_t *loop) {
             node->counters.absent++;
             continue;
         }
-        if (node->rec > 0) {
+        if (node->rec > 0u) {
             node->rec = node->rec < CAN_LOOP_PASSIVE_AT ? node->rec - 1u : CAN_LOOP_PASSIVE_AT - 1u;
         }
-        if ((wire->action.deaf >> i & 1u) != 0) {
+        if ((wire->action.deaf >> i & 1u) != 0u) {
             node->counters.deafened++;
         } else if (wire->action.delay_us > 0) {
             hold_back(loop, i, &frame);
@@ -275,7 +276,7 @@ static void deliver(can_loop_t *loop) {
 static void sent(can_loop_t *loop) {
     can_loop_node_t *node = &loop->nodes[loop->wire.event.node];
     node->counters.sent++;
-    if (node->tec > 0) {
+    if (node->tec > 0u) {
         node->tec--;
     }
     if (loop->wire.babble) {
@@ -288,7 +289,7 @@ static void sent(can_loop_t *loop) {
     } else {
         w->copies = loop->wire.action.copies;
     }
-    if (w->copies > 0) {
+    if (w->copies > 0u) {
         w->copies--;
         w->is_copy = true;
         return;

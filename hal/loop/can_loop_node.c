@@ -10,18 +10,18 @@ bool can_loop_present(const can_loop_node_t *node) {
 }
 
 uint32_t can_loop_node_tec(const can_loop_node_t *node) {
-    const bool unheard = node->cut && node->mode == BERTH_CAN_ERROR_ACTIVE && node->tx_count > 0;
+    const bool unheard = node->cut && node->mode == BERTH_CAN_ERROR_ACTIVE && node->tx_count > 0u;
     return unheard && node->tec < CAN_LOOP_PASSIVE_AT ? CAN_LOOP_PASSIVE_AT : node->tec;
 }
 
 static bool wanted(const can_loop_node_t *node, const berth_can_frame_t *frame) {
     for (uint32_t i = 0; i < node->filter_count; i++) {
         const berth_can_filter_t *f = &node->filters[i];
-        if (f->extended == frame->extended && ((frame->id ^ f->id) & f->mask) == 0) {
+        if (f->extended == frame->extended && ((frame->id ^ f->id) & f->mask) == 0u) {
             return true;
         }
     }
-    return node->filter_count == 0;
+    return node->filter_count == 0u;
 }
 
 void can_loop_take(can_loop_node_t *node, const berth_can_frame_t *frame) {
@@ -45,7 +45,7 @@ static void drop_oldest(can_loop_node_t *node) {
 }
 
 void can_loop_withdraw(can_loop_node_t *node, berth_can_mode_t mode) {
-    while (node->tx_count > 0) {
+    while (node->tx_count > 0u) {
         drop_oldest(node);
     }
     node->mode = mode;
@@ -90,7 +90,7 @@ static berth_can_outcome_t node_receive(void *context, berth_can_frame_t *frame)
     if (node->mode != BERTH_CAN_ERROR_ACTIVE) {
         return BERTH_CAN_FAILED;
     }
-    if (node->rx_count == 0) {
+    if (node->rx_count == 0u) {
         return BERTH_CAN_AGAIN;
     }
     *frame = node->rx[node->rx_first];
@@ -143,7 +143,7 @@ bool can_loop_attach(can_loop_t *loop, berth_can_t *can) {
 }
 
 static uint32_t depth(uint32_t wish, uint32_t most) {
-    if (wish < 1) {
+    if (wish < 1u) {
         return 1;
     }
     return wish < most ? wish : most;
@@ -253,7 +253,7 @@ const can_loop_counters_t *can_loop_counters(const can_loop_t *loop, uint32_t no
 
 uint32_t can_loop_waiting(const can_loop_t *loop, uint32_t node) {
     const can_loop_node_t *n = &loop->nodes[node];
-    return n->tx_count > 0 && n->tx[n->tx_first].is_copy ? n->tx_count - 1u : n->tx_count;
+    return n->tx_count > 0u && n->tx[n->tx_first].is_copy ? n->tx_count - 1u : n->tx_count;
 }
 
 uint32_t can_loop_tec(const can_loop_t *loop, uint32_t node) {

@@ -15,7 +15,7 @@ bool can_wire_valid(const berth_can_frame_t *frame) {
 }
 
 static void put(plain_t *plain, uint32_t value, uint32_t width) {
-    for (uint32_t i = width; i > 0; i--) {
+    for (uint32_t i = width; i > 0u; i--) {
         plain->bits[plain->count] = (uint8_t)((value >> (i - 1u)) & 1u);
         plain->count++;
     }
@@ -26,7 +26,7 @@ static uint16_t crc_of(const plain_t *plain) {
     for (uint32_t i = 0; i < plain->count; i++) {
         const uint32_t next = plain->bits[i] ^ ((crc >> (CRC_BITS - 1u)) & 1u);
         crc = (crc << 1) & 0x7fffu;
-        if (next != 0) {
+        if (next != 0u) {
             crc ^= CRC_POLYNOMIAL;
         }
     }
@@ -73,7 +73,7 @@ uint32_t can_wire_stuffed(const berth_can_frame_t *frame, uint8_t bits[CAN_WIRE_
         last = plain.bits[i];
         bits[count] = last;
         count++;
-        if (same == 5) {
+        if (same == 5u) {
             last ^= 1u;
             same = 1;
             bits[count] = last;

@@ -17,7 +17,7 @@
 /* The count since the last reload: at 0 the interrupt has just come up. */
 static uint32_t ticks_since_reload(void) {
     const uint32_t left = SYST_CVR;
-    return left == 0 ? 0 : SYST_RVR + 1u - left;
+    return left == 0u ? 0u : SYST_RVR + 1u - left;
 }
 
 /* The handler may run between any two reads here, or be held off, when its interrupt is pending. */
@@ -29,7 +29,7 @@ static int64_t now_us(void *context) {
     do {
         milliseconds = clock->milliseconds;
         ticks = ticks_since_reload();
-        pending = (SCB_ICSR & ICSR_PENDSTSET) != 0;
+        pending = (SCB_ICSR & ICSR_PENDSTSET) != 0u;
         if (pending) {
             ticks = ticks_since_reload();
         }

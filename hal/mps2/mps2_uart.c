@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 
-_Static_assert(MPS2_UART_RING <= 32768u && (MPS2_UART_RING & (MPS2_UART_RING - 1u)) == 0,
+_Static_assert(MPS2_UART_RING <= 32768u && (MPS2_UART_RING & (MPS2_UART_RING - 1u)) == 0u,
                "positions wrap by masking");
 
 /* The port's registers. */
@@ -63,7 +63,7 @@ static void restore_interrupts(uint32_t before) {
 
 /* Hands over what the transmitter has room for. Interrupts are masked, or this is one. */
 static void transmit(mps2_uart_t *uart) {
-    while (!is_empty(&uart->waiting) && (port(uart)->state & STATE_TX_FULL) == 0) {
+    while (!is_empty(&uart->waiting) && (port(uart)->state & STATE_TX_FULL) == 0u) {
         port(uart)->data = ring_take(&uart->waiting);
     }
 }
@@ -76,9 +76,9 @@ static void lose(mps2_uart_t *uart) {
 }
 
 static void take_received(mps2_uart_t *uart) {
-    while ((port(uart)->state & STATE_RX_FULL) != 0) {
+    while ((port(uart)->state & STATE_RX_FULL) != 0u) {
         const uint8_t byte = (uint8_t)port(uart)->data;
-        if ((port(uart)->state & STATE_RX_OVERRUN) != 0) {
+        if ((port(uart)->state & STATE_RX_OVERRUN) != 0u) {
             port(uart)->state = STATE_RX_OVERRUN;
             lose(uart);
         }
@@ -139,7 +139,7 @@ byte_stream_t mps2_uart_stream(mps2_uart_t *uart) {
 }
 
 void mps2_uart_put(const mps2_uart_t *uart, char byte) {
-    while ((port(uart)->state & STATE_TX_FULL) != 0) {
+    while ((port(uart)->state & STATE_TX_FULL) != 0u) {
     }
     port(uart)->data = (uint8_t)byte;
 }

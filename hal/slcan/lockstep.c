@@ -4,7 +4,7 @@
 
 void lockstep_encode(berth_can_frame_t *frame, lockstep_kind_t kind, uint64_t value) {
     *frame = (berth_can_frame_t){.id = LOCKSTEP_ID | (uint32_t)kind, .extended = true};
-    for (; value != 0; value >>= 8) {
+    for (; value != 0u; value >>= 8) {
         frame->data[frame->length] = (uint8_t)(value & 0xffu);
         frame->length++;
     }
@@ -32,7 +32,7 @@ lockstep_take_t lockstep_take(lockstep_line_t *line, uint8_t byte, berth_can_fra
     }
     const uint32_t length = line->length;
     line->length = 0;
-    if (length == 0) {
+    if (length == 0u) {
         return LOCKSTEP_MORE;
     }
     const bool good = length < SLCAN_LINE_MAX && slcan_decode(line->text, length, frame);

@@ -49,8 +49,8 @@ static void read_frame(const bxcan_rx_regs_t *box, berth_can_frame_t *frame) {
     const uint32_t length = stm32_get(stm32_read(&box->rdtr), BXCAN_RDTR_DLC);
     const uint32_t words[2] = {stm32_read(&box->rdlr), stm32_read(&box->rdhr)};
     const uint32_t base = stm32_get(rir, BXCAN_RIR_STID);
-    frame->extended = (rir & BXCAN_RIR_IDE) != 0;
-    frame->remote = (rir & BXCAN_RIR_RTR) != 0;
+    frame->extended = (rir & BXCAN_RIR_IDE) != 0u;
+    frame->remote = (rir & BXCAN_RIR_RTR) != 0u;
     frame->id = frame->extended ? base << 18 | stm32_get(rir, BXCAN_RIR_EXID) : base;
     /* Length codes 9 to 15 are sent by some, and mean 8. */
     frame->length = (uint8_t)(length < BERTH_CAN_DATA_MAX ? length : BERTH_CAN_DATA_MAX);
@@ -83,7 +83,7 @@ static uint32_t bank_count(const bxcan_config_t *config) {
 static stm32_can_result_t check(const bxcan_config_t *config, const berth_can_filter_t *filters,
                                 uint32_t filter_count) {
     if (config->regs == NULL || config->filters == NULL || config->clock.api == NULL ||
-        (filters == NULL && filter_count > 0) || config->split > BXCAN_BANKS ||
+        (filters == NULL && filter_count > 0u) || config->split > BXCAN_BANKS ||
         config->first_bank >= BXCAN_BANKS || config->restart_us < 0) {
         return STM32_CAN_ERROR_ARGUMENT;
     }
@@ -109,7 +109,7 @@ static void write_bank(bxcan_bank_regs_t *bank, const berth_can_filter_t *filter
 static void write_filters(const bxcan_config_t *config, const berth_can_filter_t *filters,
                           uint32_t filter_count) {
     bxcan_regs_t *regs = config->filters;
-    const uint32_t count = filter_count > 0 ? filter_count : 1u;
+    const uint32_t count = filter_count > 0u ? filter_count : 1u;
     const uint32_t own = (0xffffffffu >> (32u - bank_count(config))) << config->first_bank;
     const uint32_t used = (0xffffffffu >> (32u - count)) << config->first_bank;
     stm32_write(&regs->fmr, BXCAN_FMR_FINIT | stm32_put(BXCAN_FMR_CAN2SB, config->split));
@@ -120,7 +120,7 @@ static void write_filters(const bxcan_config_t *config, const berth_can_filter_t
     for (uint32_t i = 0; i < filter_count; i++) {
         write_bank(&regs->bank[config->first_bank + i], &filters[i]);
     }
-    if (filter_count == 0) {
+    if (filter_count == 0u) {
         stm32_write(&regs->bank[config->first_bank].fr1, 0);
         stm32_write(&regs->bank[config->first_bank].fr2, 0);
     }
@@ -131,7 +131,7 @@ static void write_filters(const bxcan_config_t *config, const berth_can_filter_t
 static void release(bxcan_regs_t *regs) {
     stm32_write(&regs->rf0r, BXCAN_RF0R_RFOM0);
     for (uint32_t looks = 0; looks < RELEASE_LOOKS; looks++) {
-        if ((stm32_read(&regs->rf0r) & BXCAN_RF0R_RFOM0) == 0) {
+        if ((stm32_read(&regs->rf0r) & BXCAN_RF0R_RFOM0) == 0u) {
             return;
         }
     }
@@ -142,7 +142,7 @@ static void clear(bxcan_regs_t *regs) {
     stm32_write(&regs->ier, 0);
     stm32_write(&regs->tsr, ABORT_ALL);
     stm32_write(&regs->tsr, DONE_ALL);
-    for (uint32_t i = 0; i < 3u && (stm32_read(&regs->rf0r) & BXCAN_RF0R_FMP0) != 0; i++) {
+    for (uint32_t i = 0; i < 3u && (stm32_read(&regs->rf0r) & BXCAN_RF0R_FMP0) != 0u; i++) {
         release(regs);
     }
     stm32_write(&regs->rf0r, BXCAN_RF0R_FULL0 | BXCAN_RF0R_FOVR0);
@@ -203,16 +203,16 @@ static void collect(bxcan_t *can) {
     uint32_t done = 0;
     for (uint32_t box = 0; box < BXCAN_MAILBOXES; box++) {
         const uint32_t shift = box * BXCAN_TSR_NEXT;
-        if ((can->taken & 1u << box) == 0 || (tsr & BXCAN_TSR_RQCP0 << shift) == 0) {
+        if ((can->taken & 1u << box) == 0u || (tsr & BXCAN_TSR_RQCP0 << shift) == 0u) {
             continue;
         }
-        if ((tsr & BXCAN_TSR_TXOK0 << shift) == 0) {
+        if ((tsr & BXCAN_TSR_TXOK0 << shift) == 0u) {
             stm32_can_count(&can->tx_dropped);
         }
         can->taken &= (uint8_t)~(1u << box);
         done |= BXCAN_TSR_RQCP0 << shift;
     }
-    if (done != 0) {
+    if (done != 0u) {
         stm32_write(&can->regs->tsr, done);
     }
 }
@@ -252,7 +252,7 @@ static void go_off(bxcan_t *can) {
 static void look_while_off(bxcan_t *can, uint32_t msr, bool off, bool anew) {
     bxcan_regs_t *regs = can->regs;
     /* A frame that came between bus-off and its interrupt. */
-    if (can->taken != 0) {
+    if (can->taken != 0u) {
         stm32_write(&regs->tsr, ABORT_ALL);
         collect(can);
     }
@@ -264,20 +264,20 @@ static void look_while_off(bxcan_t *can, uint32_t msr, bool off, bool anew) {
             can->phase = BXCAN_STOPPING;
         }
     } else if (can->phase == BXCAN_STOPPING) {
-        if ((msr & BXCAN_MSR_INAK) != 0) {
+        if ((msr & BXCAN_MSR_INAK) != 0u) {
             stm32_write(&regs->mcr, mode_word(can));
             can->phase = BXCAN_REJOINING;
         }
     } else if (anew) {
         go_off(can); /* it was back, and off again, between two looks */
-    } else if (!off && (msr & BXCAN_MSR_INAK) == 0) {
+    } else if (!off && (msr & BXCAN_MSR_INAK) == 0u) {
         back_on(can);
     }
 }
 
 /* It was reset: what was in its mailboxes is gone. */
 static void lose_controller(bxcan_t *can) {
-    for (; can->taken != 0; can->taken &= (uint8_t)(can->taken - 1u)) {
+    for (; can->taken != 0u; can->taken &= (uint8_t)(can->taken - 1u)) {
         stm32_can_count(&can->tx_dropped);
     }
     can->phase = BXCAN_DOWN;
@@ -292,14 +292,14 @@ static void look(bxcan_t *can) {
     const uint32_t bus_offs = can->bus_offs;
     const bool anew = bus_offs != can->bus_offs_seen;
     const uint32_t msr = stm32_read(&can->regs->msr);
-    const bool off = (stm32_read(&can->regs->esr) & BXCAN_ESR_BOFF) != 0;
+    const bool off = (stm32_read(&can->regs->esr) & BXCAN_ESR_BOFF) != 0u;
     if (can->phase == BXCAN_JOINING) {
-        if ((msr & BXCAN_MSR_INAK) == 0) {
+        if ((msr & BXCAN_MSR_INAK) == 0u) {
             back_on(can);
         }
     } else if (can->phase != BXCAN_ON) {
         look_while_off(can, msr, off, anew);
-    } else if ((msr & (BXCAN_MSR_INAK | BXCAN_MSR_SLAK)) != 0) {
+    } else if ((msr & (BXCAN_MSR_INAK | BXCAN_MSR_SLAK)) != 0u) {
         lose_controller(can);
     } else if (off || anew) {
         go_off(can);
@@ -321,14 +321,14 @@ static uint32_t choose(const bxcan_t *can, uint32_t word) {
     const uint32_t tsr = stm32_read(&can->regs->tsr);
     uint32_t lowest = 0;
     for (uint32_t box = 0; box < BXCAN_MAILBOXES; box++) {
-        if ((can->taken & 1u << box) == 0 || ((can->held[box] ^ word) & ~BXCAN_TIR_RTR) != 0) {
+        if ((can->taken & 1u << box) == 0u || ((can->held[box] ^ word) & ~BXCAN_TIR_RTR) != 0u) {
             continue;
         }
         /* Of a data and a remote frame with one id, the data frame goes first from any mailbox. */
         lowest = can->held[box] == word ? box + 1u : BXCAN_MAILBOXES;
     }
     while (lowest < BXCAN_MAILBOXES &&
-           ((can->taken & 1u << lowest) != 0 || (tsr & BXCAN_TSR_TME0 << lowest) == 0)) {
+           ((can->taken & 1u << lowest) != 0u || (tsr & BXCAN_TSR_TME0 << lowest) == 0u)) {
         lowest++;
     }
     return lowest;
@@ -379,8 +379,8 @@ static berth_can_mode_t mode(const bxcan_t *can) {
     case BXCAN_JOINING:
         return BERTH_CAN_DOWN;
     case BXCAN_ON:
-        return (stm32_read(&can->regs->esr) & BXCAN_ESR_EPVF) != 0 ? BERTH_CAN_ERROR_PASSIVE
-                                                                   : BERTH_CAN_ERROR_ACTIVE;
+        return (stm32_read(&can->regs->esr) & BXCAN_ESR_EPVF) != 0u ? BERTH_CAN_ERROR_PASSIVE
+                                                                    : BERTH_CAN_ERROR_ACTIVE;
     default:
         return BERTH_CAN_BUS_OFF;
     }
@@ -411,9 +411,9 @@ void bxcan_diagnosis(const bxcan_t *can, bxcan_diagnosis_t *out) {
         const uint32_t esr = stm32_read(&can->regs->esr);
         out->transmit_errors = stm32_get(esr, BXCAN_ESR_TEC);
         out->receive_errors = stm32_get(esr, BXCAN_ESR_REC);
-        out->warning = (esr & BXCAN_ESR_EWGF) != 0;
-        out->passive = (esr & BXCAN_ESR_EPVF) != 0;
-        out->off = (esr & BXCAN_ESR_BOFF) != 0;
+        out->warning = (esr & BXCAN_ESR_EWGF) != 0u;
+        out->passive = (esr & BXCAN_ESR_EPVF) != 0u;
+        out->off = (esr & BXCAN_ESR_BOFF) != 0u;
     }
 }
 
@@ -425,12 +425,12 @@ void bxcan_receive_interrupt(bxcan_t *can) {
     const int64_t time_us = now_us(can);
     for (uint32_t i = 0; i < INTERRUPT_FRAMES; i++) {
         const uint32_t status = stm32_read(&regs->rf0r);
-        if ((status & BXCAN_RF0R_FOVR0) != 0) {
+        if ((status & BXCAN_RF0R_FOVR0) != 0u) {
             stm32_can_count(&can->rx_lost);
             stm32_write(&regs->rf0r, BXCAN_RF0R_FOVR0);
         }
         /* A mailbox that is still being released would be read twice. */
-        if ((status & BXCAN_RF0R_FMP0) == 0 || (status & BXCAN_RF0R_RFOM0) != 0) {
+        if ((status & BXCAN_RF0R_FMP0) == 0u || (status & BXCAN_RF0R_RFOM0) != 0u) {
             return;
         }
         berth_can_frame_t *place = stm32_can_ring_place(&can->received);
@@ -454,7 +454,7 @@ void bxcan_status_interrupt(bxcan_t *can) {
     if (code != LEC_NONE && code != LEC_BY_SOFTWARE) {
         stm32_can_count(&can->errors);
     }
-    if ((esr & BXCAN_ESR_BOFF) != 0) {
+    if ((esr & BXCAN_ESR_BOFF) != 0u) {
         stm32_write(&regs->tsr, ABORT_ALL);
         can->bus_offs = can->bus_offs + 1u;
     }

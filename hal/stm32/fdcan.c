@@ -50,8 +50,8 @@ static void read_frame(const volatile uint32_t *element, berth_can_frame_t *fram
     const uint32_t word = stm32_read(&element[0]);
     const uint32_t length = stm32_get(stm32_read(&element[1]), FDCAN_ELEMENT1_DLC);
     const uint32_t words[2] = {stm32_read(&element[2]), stm32_read(&element[3])};
-    frame->extended = (word & FDCAN_ELEMENT0_XTD) != 0;
-    frame->remote = (word & FDCAN_ELEMENT0_RTR) != 0;
+    frame->extended = (word & FDCAN_ELEMENT0_XTD) != 0u;
+    frame->remote = (word & FDCAN_ELEMENT0_RTR) != 0u;
     frame->id = (word & FDCAN_ELEMENT0_ID) >> (frame->extended ? 0u : STANDARD_SHIFT);
     /* Length codes 9 to 15 are sent by some, and mean 8. */
     frame->length = (uint8_t)(length < BERTH_CAN_DATA_MAX ? length : BERTH_CAN_DATA_MAX);
@@ -75,7 +75,7 @@ fdcan_config_t fdcan_config_default(fdcan_regs_t *regs, fdcan_ram_t *ram, berth_
 static stm32_can_result_t check(const fdcan_config_t *config, const berth_can_filter_t *filters,
                                 uint32_t filter_count) {
     if (config->regs == NULL || config->ram == NULL || config->clock.api == NULL ||
-        (filters == NULL && filter_count > 0) || config->restart_us < 0) {
+        (filters == NULL && filter_count > 0u) || config->restart_us < 0) {
         return STM32_CAN_ERROR_ARGUMENT;
     }
     uint32_t extended = 0;
@@ -114,7 +114,7 @@ static void write_filters(const fdcan_t *can, const berth_can_filter_t *filters,
         }
     }
     /* Remote frames go through the filters too; a full FIFO keeps what it has. */
-    const uint32_t others = filter_count > 0 ? REJECT : ACCEPT_IN_FIFO0;
+    const uint32_t others = filter_count > 0u ? REJECT : ACCEPT_IN_FIFO0;
     stm32_write(&can->regs->rxgfc,
                 stm32_put(FDCAN_RXGFC_ANFE, others) | stm32_put(FDCAN_RXGFC_ANFS, others) |
                     stm32_put(FDCAN_RXGFC_LSS, standard) | stm32_put(FDCAN_RXGFC_LSE, extended));
@@ -192,15 +192,15 @@ stm32_can_result_t fdcan_open(fdcan_t *can, const fdcan_config_t *config,
 
 /* Gives back the buffers that the controller is done with. */
 static void collect(fdcan_t *can) {
-    if (can->taken == 0) {
+    if (can->taken == 0u) {
         return;
     }
     const uint32_t pending = stm32_read(&can->regs->txbrp);
     const uint32_t sent = stm32_read(&can->regs->txbto);
     for (uint32_t i = 0; i < FDCAN_TX_BUFFERS; i++) {
         const uint32_t bit = 1u << i;
-        if ((can->taken & bit) != 0 && (pending & bit) == 0) {
-            if ((sent & bit) == 0) {
+        if ((can->taken & bit) != 0u && (pending & bit) == 0u) {
+            if ((sent & bit) == 0u) {
                 stm32_can_count(&can->tx_dropped);
             }
             can->taken &= (uint8_t)~bit;
@@ -209,7 +209,7 @@ static void collect(fdcan_t *can) {
 }
 
 static void drop_taken(fdcan_t *can) {
-    for (; can->taken != 0; can->taken &= (uint8_t)(can->taken - 1u)) {
+    for (; can->taken != 0u; can->taken &= (uint8_t)(can->taken - 1u)) {
         stm32_can_count(&can->tx_dropped);
     }
 }
@@ -264,7 +264,7 @@ static void look(fdcan_t *can) {
     collect(can);
     const uint32_t cccr = stm32_read(&can->regs->cccr);
     const uint32_t psr = stm32_read(&can->regs->psr);
-    const bool off = (psr & FDCAN_PSR_BO) != 0;
+    const bool off = (psr & FDCAN_PSR_BO) != 0u;
     const uint32_t bus_offs = can->bus_offs;
     const bool anew = bus_offs != can->bus_offs_seen;
     can->bus_offs_seen = bus_offs;
@@ -274,11 +274,11 @@ static void look(fdcan_t *can) {
         }
     } else if (anew || (off && can->phase != FDCAN_REJOINING)) {
         go_off(can);
-    } else if ((cccr & FDCAN_CCCR_ASM) != 0 ||
-               ((cccr & FDCAN_CCCR_INIT) != 0 && can->phase == FDCAN_ON)) {
+    } else if ((cccr & FDCAN_CCCR_ASM) != 0u ||
+               ((cccr & FDCAN_CCCR_INIT) != 0u && can->phase == FDCAN_ON)) {
         drop_taken(can);
         can->phase = FDCAN_DOWN;
-    } else if (can->phase != FDCAN_ON && !off && (cccr & FDCAN_CCCR_INIT) == 0 &&
+    } else if (can->phase != FDCAN_ON && !off && (cccr & FDCAN_CCCR_INIT) == 0u &&
                stm32_get(psr, FDCAN_PSR_ACT) != SYNCHRONIZING) {
         back_on(can);
     }
@@ -298,15 +298,15 @@ void fdcan_restart(fdcan_t *can) {
 static uint32_t choose(const fdcan_t *can, uint32_t word) {
     const uint32_t status = stm32_read(&can->regs->txfqs);
     const uint32_t offered = stm32_get(status, FDCAN_TXFQS_TFQPI);
-    if ((status & FDCAN_TXFQS_TFQF) != 0 || offered >= FDCAN_TX_BUFFERS ||
-        (can->taken & 1u << offered) != 0) {
+    if ((status & FDCAN_TXFQS_TFQF) != 0u || offered >= FDCAN_TX_BUFFERS ||
+        (can->taken & 1u << offered) != 0u) {
         return FDCAN_TX_BUFFERS;
     }
     for (uint32_t i = 0; i < FDCAN_TX_BUFFERS; i++) {
         const uint32_t difference = can->held[i] ^ word;
         /* Of a data and a remote frame with one id, the data frame goes first from any buffer. */
-        if ((can->taken & 1u << i) != 0 && (difference & ~FDCAN_ELEMENT0_RTR) == 0 &&
-            (difference != 0 || i > offered)) {
+        if ((can->taken & 1u << i) != 0u && (difference & ~FDCAN_ELEMENT0_RTR) == 0u &&
+            (difference != 0u || i > offered)) {
             return FDCAN_TX_BUFFERS;
         }
     }
@@ -355,8 +355,8 @@ static berth_can_mode_t mode(const fdcan_t *can) {
     case FDCAN_JOINING:
         return BERTH_CAN_DOWN;
     case FDCAN_ON:
-        return (stm32_read(&can->regs->psr) & FDCAN_PSR_EP) != 0 ? BERTH_CAN_ERROR_PASSIVE
-                                                                 : BERTH_CAN_ERROR_ACTIVE;
+        return (stm32_read(&can->regs->psr) & FDCAN_PSR_EP) != 0u ? BERTH_CAN_ERROR_PASSIVE
+                                                                  : BERTH_CAN_ERROR_ACTIVE;
     default:
         return BERTH_CAN_BUS_OFF;
     }
@@ -387,10 +387,10 @@ void fdcan_diagnosis(const fdcan_t *can, fdcan_diagnosis_t *out) {
         const uint32_t ecr = stm32_read(&can->regs->ecr);
         const uint32_t psr = stm32_read(&can->regs->psr);
         out->transmit_errors = stm32_get(ecr, FDCAN_ECR_TEC);
-        out->receive_errors = (ecr & FDCAN_ECR_RP) != 0 ? 128u : stm32_get(ecr, FDCAN_ECR_REC);
-        out->warning = (psr & FDCAN_PSR_EW) != 0;
-        out->passive = (psr & FDCAN_PSR_EP) != 0;
-        out->off = (psr & FDCAN_PSR_BO) != 0;
+        out->receive_errors = (ecr & FDCAN_ECR_RP) != 0u ? 128u : stm32_get(ecr, FDCAN_ECR_REC);
+        out->warning = (psr & FDCAN_PSR_EW) != 0u;
+        out->passive = (psr & FDCAN_PSR_EP) != 0u;
+        out->off = (psr & FDCAN_PSR_BO) != 0u;
     }
 }
 
@@ -400,7 +400,7 @@ void fdcan_diagnosis(const fdcan_t *can, fdcan_diagnosis_t *out) {
 static void take_frames(fdcan_t *can, int64_t time_us) {
     for (uint32_t i = 0; i < INTERRUPT_FRAMES; i++) {
         const uint32_t status = stm32_read(&can->regs->rxf0s);
-        if ((status & FDCAN_RXF0S_F0FL) == 0) {
+        if ((status & FDCAN_RXF0S_F0FL) == 0u) {
             return;
         }
         const uint32_t index = stm32_get(status, FDCAN_RXF0S_F0GI);
@@ -422,15 +422,15 @@ void fdcan_interrupt(fdcan_t *can) {
     const uint32_t why = stm32_read(&regs->ir) & INTERRUPTS;
     /* First, so that what happens from here on interrupts anew. */
     stm32_write(&regs->ir, why);
-    if ((why & FDCAN_IR_RF0L) != 0) {
+    if ((why & FDCAN_IR_RF0L) != 0u) {
         stm32_can_count(&can->rx_lost);
     }
     take_frames(can, time_us);
-    if ((why & (FDCAN_IR_PEA | FDCAN_IR_PED)) != 0) {
+    if ((why & (FDCAN_IR_PEA | FDCAN_IR_PED)) != 0u) {
         stm32_can_count(&can->errors);
     }
     /* It tells of the way back too. Frames that wait cannot leave: the controller stands. */
-    if ((why & FDCAN_IR_BO) != 0 && (stm32_read(&regs->psr) & FDCAN_PSR_BO) != 0) {
+    if ((why & FDCAN_IR_BO) != 0u && (stm32_read(&regs->psr) & FDCAN_PSR_BO) != 0u) {
         can->bus_offs = can->bus_offs + 1u;
     }
 }

@@ -32,7 +32,7 @@ static uint32_t distance(uint32_t a, uint32_t b) {
 
 /* Sample points as fractions of the same denominator: quanta * 1000. */
 static bool better(uint32_t quanta, uint32_t segment1, const stm32_can_timing_t *best) {
-    if (best->prescaler == 0) {
+    if (best->prescaler == 0u) {
         return true;
     }
     const uint32_t best_quanta = 1u + best->segment1 + best->segment2;
@@ -62,17 +62,17 @@ static void try_quanta(uint32_t prescaler, uint32_t quanta, const stm32_can_limi
 bool stm32_can_timing(uint32_t clock_hz, uint32_t bit_rate, const stm32_can_limits_t *limits,
                       stm32_can_timing_t *out) {
     stm32_can_timing_t best = {0};
-    if (bit_rate == 0 || clock_hz % bit_rate != 0) {
+    if (bit_rate == 0u || clock_hz % bit_rate != 0u) {
         return false;
     }
     const uint32_t clocks = clock_hz / bit_rate;
     for (uint32_t quanta = STM32_CAN_QUANTA_MAX; quanta >= STM32_CAN_QUANTA_MIN; quanta--) {
-        if (clocks % quanta == 0 && clocks / quanta >= 1u &&
+        if (clocks % quanta == 0u && clocks / quanta >= 1u &&
             clocks / quanta <= limits->prescaler_max) {
             try_quanta(clocks / quanta, quanta, limits, &best);
         }
     }
-    if (best.prescaler == 0) {
+    if (best.prescaler == 0u) {
         return false;
     }
     *out = best;

@@ -86,7 +86,7 @@ typedef struct {
     volatile uint32_t tail; /* frames taken out so far */
 } stm32_can_ring_t;
 
-_Static_assert((STM32_CAN_RX_MAX & (STM32_CAN_RX_MAX - 1u)) == 0 && STM32_CAN_RX_MAX >= 2u,
+_Static_assert((STM32_CAN_RX_MAX & (STM32_CAN_RX_MAX - 1u)) == 0u && STM32_CAN_RX_MAX >= 2u,
                "the counts wrap, so the size must divide them");
 
 /* Where the producer may write the next frame; NULL when the queue is full. */

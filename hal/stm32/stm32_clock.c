@@ -30,7 +30,7 @@ static count_t read_count(const stm32_clock_t *clock) {
 /* At 0 the interrupt has just come up, and the reload is the next tick's. */
 static uint32_t ticks_since_reload(const stm32_clock_t *clock) {
     const uint32_t left = stm32_read(&clock->config.systick->cvr);
-    return left == 0 ? 0 : clock->ticks_per_us * (uint32_t)MILLISECOND_US - left;
+    return left == 0u ? 0u : clock->ticks_per_us * (uint32_t)MILLISECOND_US - left;
 }
 
 /* The handler may run between any two reads here, or be held off while its interrupt pends. */
@@ -42,7 +42,7 @@ static int64_t now_us(void *context) {
     do {
         count = read_count(clock);
         ticks = ticks_since_reload(clock);
-        pending = (stm32_read(clock->config.icsr) & ICSR_PENDSTSET) != 0;
+        pending = (stm32_read(clock->config.icsr) & ICSR_PENDSTSET) != 0u;
         if (pending) {
             ticks = ticks_since_reload(clock);
         }
@@ -76,7 +76,7 @@ static void sleep_until_us(void *context, int64_t deadline_us) {
 bool stm32_clock_start(stm32_clock_t *clock, const stm32_clock_config_t *config) {
     const uint32_t ticks_per_us = config->clock_hz / MHZ;
     *clock = (stm32_clock_t){.config = *config, .ticks_per_us = ticks_per_us};
-    if (ticks_per_us == 0 || config->clock_hz % MHZ != 0 ||
+    if (ticks_per_us == 0u || config->clock_hz % MHZ != 0u ||
         ticks_per_us > RELOAD_MAX / (uint32_t)MILLISECOND_US) {
         clock->ticks_per_us = 1;
         return false;
@@ -90,7 +90,7 @@ bool stm32_clock_start(stm32_clock_t *clock, const stm32_clock_config_t *config)
 
 void stm32_clock_tick(stm32_clock_t *clock) {
     const uint32_t low = clock->low + 1u;
-    if (low == 0) {
+    if (low == 0u) {
         clock->high = clock->high + 1u;
     }
     clock->low = low;

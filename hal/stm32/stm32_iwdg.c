@@ -10,7 +10,7 @@
 #define RELOAD_MAX 4095u
 
 bool stm32_iwdg_start(stm32f4_iwdg_t *regs, uint32_t timeout_us) {
-    if (timeout_us == 0 || timeout_us > STM32_IWDG_TIMEOUT_MAX_US) {
+    if (timeout_us == 0u || timeout_us > STM32_IWDG_TIMEOUT_MAX_US) {
         return false;
     }
     /* Counts of the undivided oscillator, rounded up. */
@@ -27,7 +27,7 @@ bool stm32_iwdg_start(stm32f4_iwdg_t *regs, uint32_t timeout_us) {
     stm32_write(&regs->rlr, reload);
     bool taken = false;
     for (uint32_t looks = 0; looks < STM32_IWDG_WAIT_LOOKS && !taken; looks++) {
-        taken = (stm32_read(&regs->sr) & (IWDG_SR_PVU | IWDG_SR_RVU)) == 0;
+        taken = (stm32_read(&regs->sr) & (IWDG_SR_PVU | IWDG_SR_RVU)) == 0u;
     }
     stm32_write(&regs->kr, KEY_FEED);
     return taken;

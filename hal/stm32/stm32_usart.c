@@ -3,7 +3,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-_Static_assert((STM32_USART_RING & (STM32_USART_RING - 1u)) == 0 && STM32_USART_RING >= 2u,
+_Static_assert((STM32_USART_RING & (STM32_USART_RING - 1u)) == 0u && STM32_USART_RING >= 2u,
                "the counts wrap, so the size must divide them");
 
 #define DIVIDER_MIN 16u
@@ -19,7 +19,7 @@ static uint32_t room_of(const stm32_usart_ring_t *ring) {
 
 static bool put_byte(stm32_usart_ring_t *ring, uint8_t byte) {
     const uint32_t head = ring->head;
-    if (room_of(ring) == 0) {
+    if (room_of(ring) == 0u) {
         return false;
     }
     ring->bytes[head % STM32_USART_RING] = byte;
@@ -41,7 +41,7 @@ static uint8_t take_byte(stm32_usart_ring_t *ring) {
 bool stm32_usart_open(stm32_usart_t *usart, stm32f4_usart_t *regs, uint32_t clock_hz,
                       uint32_t baud) {
     *usart = (stm32_usart_t){.regs = regs};
-    if (baud == 0) {
+    if (baud == 0u) {
         return false;
     }
     const uint32_t divider = clock_hz / baud + (clock_hz % baud >= baud - baud / 2u ? 1u : 0u);
@@ -71,18 +71,18 @@ static void lose(stm32_usart_t *usart) {
 void stm32_usart_interrupt(stm32_usart_t *usart) {
     stm32f4_usart_t *regs = usart->regs;
     const uint32_t status = stm32_read(&regs->sr);
-    if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
+    if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0u) {
         /* Reading the data after the status clears an overrun too. */
         const uint8_t byte = (uint8_t)(stm32_read(&regs->dr) & 0xffu);
-        const bool good = (status & USART_SR_RXNE) != 0;
+        const bool good = (status & USART_SR_RXNE) != 0u;
         if (good && (usart->losing || !put_byte(&usart->received, byte))) {
             lose(usart);
         }
-        if ((status & USART_SR_ORE) != 0) {
+        if ((status & USART_SR_ORE) != 0u) {
             lose(usart);
         }
     }
-    if ((status & USART_SR_TXE) != 0) {
+    if ((status & USART_SR_TXE) != 0u) {
         if (!is_empty(&usart->waiting)) {
             stm32_write(&regs->dr, take_byte(&usart->waiting));
         } else {
@@ -166,7 +166,7 @@ berth_log_t stm32_usart_log(stm32_usart_t *usart) {
 
 void stm32_usart_put(const stm32_usart_t *usart, uint8_t byte) {
     for (uint32_t looks = 0; looks < STM32_USART_PUT_LOOKS; looks++) {
-        if ((stm32_read(&usart->regs->sr) & USART_SR_TXE) != 0) {
+        if ((stm32_read(&usart->regs->sr) & USART_SR_TXE) != 0u) {
             stm32_write(&usart->regs->dr, byte);
             return;
         }

@@ -44,7 +44,7 @@ static void start_internal(stm32f4_rcc_t *rcc) {
 /* What did not come; NULL: all did. */
 static const char *start_crystal(stm32f4_rcc_t *rcc, stm32f4_flash_t *flash, uint32_t crystal_hz) {
     const uint32_t divide = crystal_hz / PLL_INPUT_HZ;
-    if (divide < 2u || divide > 13u || crystal_hz % PLL_INPUT_HZ != 0) {
+    if (divide < 2u || divide > 13u || crystal_hz % PLL_INPUT_HZ != 0u) {
         return "no such crystal";
     }
     stm32_change(&rcc->cr, 0, RCC_CR_HSEON);

@@ -76,10 +76,10 @@ extern "C" {
  * most. While two or more obstacles are active, and during a turn, it stands and spends what it is
  * ahead, unless there is one that it has never looked at. */
 #ifndef BERTH_SCAN_AHEAD
-#define BERTH_SCAN_AHEAD 400
+#define BERTH_SCAN_AHEAD 400u
 #endif
-#define BERTH_SCAN_PER_STEP_MIN 16
-#define BERTH_SCAN_PER_STEP_MAX 32
+#define BERTH_SCAN_PER_STEP_MIN 16u
+#define BERTH_SCAN_PER_STEP_MAX 32u
 
 typedef enum {
     BERTH_MODE_TRACK = 0,

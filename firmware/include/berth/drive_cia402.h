@@ -119,7 +119,7 @@ extern "C" {
 
 /* A request of the set-up: how long an answer may take, and how often it is asked. */
 #define BERTH_CIA402_ANSWER_US 100000
-#define BERTH_CIA402_TRIES 3
+#define BERTH_CIA402_TRIES 3u
 
 /* How often an NMT command is repeated until the heartbeat says that it was obeyed, and for how
  * long at least each level of the fault reset bit is held. */

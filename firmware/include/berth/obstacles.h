@@ -20,7 +20,7 @@ extern "C" {
  * define it alike for the library and for all that includes this header. Up to 32 obstacles the
  * look-ahead of avoid.h keeps up with the reference. */
 #ifndef BERTH_OBSTACLES_MAX
-#define BERTH_OBSTACLES_MAX 16
+#define BERTH_OBSTACLES_MAX 16u
 #endif
 
 #define BERTH_RADIUS_MIN_M 0.001f

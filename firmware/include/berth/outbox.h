@@ -18,7 +18,7 @@ extern "C" {
 
 /* Capacity in frames, 8 to 255. Part of the layout of the structs, like BERTH_OBSTACLES_MAX. */
 #ifndef BERTH_OUTBOX_MAX
-#define BERTH_OUTBOX_MAX 24
+#define BERTH_OUTBOX_MAX 24u
 #endif
 
 typedef enum {

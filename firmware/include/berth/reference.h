@@ -29,7 +29,7 @@ extern "C" {
 #define BERTH_GAIN_MAX 1.0e6f
 
 /* Largest time: sums of times and periods stay within int64. */
-#define BERTH_TIME_MAX_US ((int64_t)1 << 62)
+#define BERTH_TIME_MAX_US INT64_C(0x4000000000000000)
 
 /* Where the library is compiled with BERTH_WITHOUT_ZOH defined, plans with the zero-order hold are
  * refused, which saves some 900 bytes of flash. */
