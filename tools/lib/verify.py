@@ -1,4 +1,4 @@
-"""Runs the parts of tools/verify and writes the page of evidence.
+"""Runs the parts of tools/verify and writes the page of evidence, which the README's first screen quotes.
 
 A part is tools/lib/verify_NAME.py. It is called with --out FILE and --short, or --minutes M, prints
 its progress, and writes FILE: {"claims": [{"id", "claim", "figure", "command", "holds"}], "notes": [...]}.
@@ -23,6 +23,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 EVIDENCE = ROOT / "tools" / "evidence"
 PAGE = EVIDENCE / "evidence.md"
+README = ROOT / "README.md"
+BEGIN, END = "<!-- evidence: begin -->\n", "<!-- evidence: end -->\n"
 BUILD = ROOT / "build" / "verify"
 
 # Name, title, share of a given time.
@@ -35,6 +37,17 @@ PARTS = (
     ("campaigns", "Campaigns", 0.15),
     ("recovery", "Recovery under dynamics", 0.05),
     ("safety", "Fault tree", 0.0),
+)
+# What the README's first screen quotes: id of a claim, and what is said of its figure.
+QUOTES = (
+    ("proof-alarms", "run-time errors, by static analysis of every public function for any input"),
+    ("coverage-mcdc", "conditions shown to decide by tests (MC/DC)"),
+    ("mutation-score", "mutants killed"),
+    ("fuzz-crashes", "fuzzing with sanitizers"),
+    ("misra-open", "MISRA C:2012"),
+    ("campaign-ideal", "random scenes, exact drives"),
+    ("campaign-dynamics", "random scenes with drive lag, noise, slip and late poses"),
+    ("safety-tree", "fault tree from each hardware failure to the stop"),
 )
 CLAIM_KEYS = ("id", "claim", "figure", "command", "holds")
 
@@ -143,6 +156,7 @@ def stale(name, result, writing):
 def write_result(name, result):
     claims = [claim for claim in result["claims"] if not claim.get("short")]
     text = json.dumps({"claims": claims, "notes": result.get("notes", [])}, indent=1, ensure_ascii=False)
+    EVIDENCE.mkdir(exist_ok=True)
     (EVIDENCE / f"{name}.json").write_text(text + "\n")
 
 
@@ -168,6 +182,32 @@ def page_text():
         if result.get("notes"):
             lines += [*result["notes"], ""]
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def quotes_text():
+    claims = {claim["id"]: claim for name, _, _ in PARTS for claim in (stored(name) or {"claims": []})["claims"]}
+    lines = ["| what | figure | again with |", "|---|---|---|"]
+    for identity, what in QUOTES:
+        if identity in claims:
+            claim = claims[identity]
+            figure = claim["figure"] if claim["holds"] else f"**does not hold:** {claim['figure']}"
+            lines.append(f"| {what} | {figure} | `{claim['command']}` |")
+    return "\n".join(lines) + "\n"
+
+
+def readme_text():
+    """The README with the quotes in their place."""
+    text = README.read_text()
+    if text.count(BEGIN) != 1 or text.count(END) != 1:
+        raise SystemExit(f"README.md: needs one {BEGIN.strip()} and one {END.strip()}")
+    head, rest = text.split(BEGIN)
+    return head + BEGIN + quotes_text() + END + rest.split(END)[1]
+
+
+def write_page():
+    EVIDENCE.mkdir(exist_ok=True)
+    PAGE.write_text(page_text())
+    README.write_text(readme_text())
 
 
 def junit(path, rows):
@@ -224,12 +264,12 @@ def main():
             print(f"{name:<12} {title}")
         return 0
     if options.page:
-        PAGE.write_text(page_text())
+        write_page()
         return 0
     BUILD.mkdir(parents=True, exist_ok=True)
     rows = run_parts(options)
     if options.write:
-        PAGE.write_text(page_text())
+        write_page()
     if options.junit:
         junit(options.junit, rows)
     failed = sum(1 for row in rows if row[2])
