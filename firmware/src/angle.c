@@ -51,21 +51,21 @@ static uint64_t turn_window(uint32_t exponent) {
     const uint32_t first = exponent - FAR_EXPONENT_MIN;
     const uint32_t *words = &TURN_BITS[first / 32u];
     const uint32_t shift = first % 32u;
-    const uint64_t high = ((uint64_t)words[0] << 32 | words[1]) << shift;
-    const uint64_t low = ((uint64_t)words[1] << 32 | words[2]) << shift;
-    return (high & 0xffffffff00000000u) | low >> 32;
+    const uint64_t high = (((uint64_t)words[0] << 32) | words[1]) << shift;
+    const uint64_t low = (((uint64_t)words[1] << 32) | words[2]) << shift;
+    return (high & 0xffffffff00000000u) | (low >> 32);
 }
 
 /* Payne & Hanek, "Radian reduction for trigonometric functions" (1983), in turns: the mantissa
  * times the window, modulo 2^64, is the fraction of a turn to within 2^-40. */
 static float wrap_far(float x) {
     const uint32_t bits = angle_bits_of(x);
-    const uint32_t exponent = bits >> 23 & 0xffu;
+    const uint32_t exponent = (bits >> 23) & 0xffu;
     if (exponent == EXPONENT_NOT_FINITE) {
         return x - x;
     }
     const uint32_t mantissa = (bits & 0x007fffffu) | 0x00800000u;
-    const uint32_t fraction = (uint32_t)(turn_window(exponent) * mantissa >> 32);
+    const uint32_t fraction = (uint32_t)((turn_window(exponent) * mantissa) >> 32);
     const bool beyond_half = fraction > 0x80000000u;
     const float rest = (float)(beyond_half ? 0u - fraction : fraction) * RADIANS_PER_UNIT;
     return beyond_half != (x < 0.0f) ? -rest : rest;

@@ -42,10 +42,10 @@ typedef struct {
 
 /* Ranges of the configuration by itself. */
 static const check_rule_t config_rules[] = {
-    {BERTH_FIELD_SKIRT, false, offsetof(berth_avoid_config_t, skirt_m), 0.0f, 10.0f},
-    {BERTH_FIELD_TAU, false, offsetof(berth_avoid_config_t, tau_s), 0.0f, 10.0f},
-    {BERTH_FIELD_A_BRAKE, true, offsetof(berth_avoid_config_t, a_brake_mps2), 0.001f, 1000.0f},
-    {BERTH_FIELD_SIGMA_POSE, false, offsetof(berth_avoid_config_t, sigma_pose_m), 0.0f, 1.0f},
+    {BERTH_FIELD_SKIRT, false, CHECK_AT(berth_avoid_config_t, skirt_m), 0.0f, 10.0f},
+    {BERTH_FIELD_TAU, false, CHECK_AT(berth_avoid_config_t, tau_s), 0.0f, 10.0f},
+    {BERTH_FIELD_A_BRAKE, true, CHECK_AT(berth_avoid_config_t, a_brake_mps2), 0.001f, 1000.0f},
+    {BERTH_FIELD_SIGMA_POSE, false, CHECK_AT(berth_avoid_config_t, sigma_pose_m), 0.0f, 1.0f},
 };
 
 /* And together with the robot's limits. */
@@ -154,7 +154,7 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
     view->conservative = false;
     view->unseen = false;
     view->coincident = false;
-    berth_obstacle_slot_t *const end = &obstacles->slots[obstacles->count];
+    const berth_obstacle_slot_t *const end = &obstacles->slots[obstacles->count];
     for (berth_obstacle_slot_t *slot = obstacles->slots; slot != end; slot++) {
         const berth_obstacle_t *obstacle = &slot->obstacle;
         const float dx = obstacle->x_m - x_m;
@@ -180,7 +180,8 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
         clearance_m = minimum(clearance_m, cone->distance_m - obstacle->hard_m);
         cone++;
     }
-    view->count = (uint32_t)(cone - view->cones);
+    const ptrdiff_t count = cone - view->cones;
+    view->count = (uint32_t)count;
     avoid->clearance_m = clearance_m;
     avoid->active = (uint8_t)view->count;
 }
@@ -386,6 +387,8 @@ berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles
         *command = (berth_twist_t){0.0f, 0.0f};
     } else if (avoid->config.tau_s > 0.0f || avoid->config.a_brake_mps2 > 0.0f) {
         brake(avoid, &view, command);
+    } else {
+        /* it stops at once: there is no way to brake on */
     }
     return mode;
 }

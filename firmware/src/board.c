@@ -413,6 +413,8 @@ void berth_board_receive(berth_board_t *board, const berth_can_frame_t *frame, i
     } else if (!take_message(board, frame, at_us, now_us)) {
         count(&board->status.foreign);
         return;
+    } else {
+        /* a message, and it was taken */
     }
     act(board, now_us);
 }
@@ -541,8 +543,8 @@ static void note_time(berth_board_t *board, int64_t late_us) {
     if (2 * late_us > period_us) {
         count(&status->late);
     }
-    const int64_t room = (int64_t)(UINT32_MAX - status->missed);
-    status->missed += (uint32_t)(missed < room ? missed : room);
+    const uint32_t room = UINT32_MAX - status->missed;
+    status->missed += missed < (int64_t)room ? (uint32_t)missed : room;
 }
 
 SMALL static void tick(berth_board_t *board, int64_t now_us) {
@@ -554,6 +556,8 @@ SMALL static void tick(berth_board_t *board, int64_t now_us) {
         control(board, now_us);
     } else if (board->supervisor.state == BERTH_SUPERVISOR_STOPPING) {
         slow_down(board);
+    } else {
+        /* the command is zero */
     }
     if (board->supervisor.state != BERTH_SUPERVISOR_IDLE) {
         command_wheels(board, now_us);

@@ -58,8 +58,10 @@ uint32_t berth_board_filters(const berth_board_t *board,
                                      BERTH_MESSAGE_OBSTACLE};
     uint32_t used = 0;
     for (uint32_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
-        filters[used++] = (berth_can_filter_t){
-            .id = kinds[i] << 8 | board->address, .mask = BERTH_CAN_EXTENDED_MAX, .extended = true};
+        filters[used] = (berth_can_filter_t){.id = (kinds[i] << 8) | board->address,
+                                             .mask = BERTH_CAN_EXTENDED_MAX,
+                                             .extended = true};
+        used++;
     }
     for (int side = 0; side < 2; side++) {
         used += berth_drive_filters(&board->drives[side], &filters[used]);

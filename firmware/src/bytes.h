@@ -16,7 +16,7 @@ static inline void put_u24_le(uint8_t *data, uint32_t value) {
 
 static inline void put_u32_le(uint8_t *data, uint32_t value) {
     put_u16_le(data, (uint16_t)value);
-    put_u16_le(data + 2, (uint16_t)(value >> 16));
+    put_u16_le(&data[2], (uint16_t)(value >> 16));
 }
 
 static inline void put_u32_be(uint8_t *data, uint32_t value) {
@@ -27,23 +27,23 @@ static inline void put_u32_be(uint8_t *data, uint32_t value) {
 }
 
 static inline uint16_t get_u16_le(const uint8_t *data) {
-    return (uint16_t)(data[0] | (uint32_t)data[1] << 8);
+    return (uint16_t)(data[0] | ((uint32_t)data[1] << 8));
 }
 
 static inline uint32_t get_u24_le(const uint8_t *data) {
-    return get_u16_le(data) | (uint32_t)data[2] << 16;
+    return get_u16_le(data) | ((uint32_t)data[2] << 16);
 }
 
 static inline uint32_t get_u32_le(const uint8_t *data) {
-    return get_u16_le(data) | (uint32_t)get_u16_le(data + 2) << 16;
+    return get_u16_le(data) | ((uint32_t)get_u16_le(&data[2]) << 16);
 }
 
 static inline uint16_t get_u16_be(const uint8_t *data) {
-    return (uint16_t)((uint32_t)data[0] << 8 | data[1]);
+    return (uint16_t)(((uint32_t)data[0] << 8) | data[1]);
 }
 
 static inline uint32_t get_u32_be(const uint8_t *data) {
-    return (uint32_t)get_u16_be(data) << 16 | get_u16_be(data + 2);
+    return ((uint32_t)get_u16_be(data) << 16) | get_u16_be(&data[2]);
 }
 
 /* Two's complement without a conversion that the language leaves to the compiler. */
@@ -52,11 +52,13 @@ static inline int32_t signed_u32(uint32_t value) {
 }
 
 static inline int32_t signed_u24(uint32_t value) {
-    return (int32_t)(value ^ 0x800000u) - 0x800000;
+    const uint32_t raised = value ^ 0x800000u;
+    return (int32_t)raised - 0x800000;
 }
 
 static inline int16_t signed_u16(uint16_t value) {
-    return (int16_t)((int32_t)(value ^ 0x8000u) - 0x8000);
+    const uint32_t raised = (uint32_t)value ^ 0x8000u;
+    return (int16_t)((int32_t)raised - 0x8000);
 }
 
 /* A float32 travels as its IEEE 754 bits. */

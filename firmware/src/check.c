@@ -11,9 +11,10 @@ bool check_value(berth_field_t field, float value, float minimum, float maximum,
 
 bool check_rules(const void *values, const check_rule_t *rules, size_t count,
                  berth_refusal_t *refusal) {
+    const float *const floats = values;
     for (size_t i = 0; i < count; i++) {
         const check_rule_t *rule = &rules[i];
-        const float value = *(const float *)((const uint8_t *)values + rule->offset);
+        const float value = floats[rule->at];
         const bool off = rule->zero_allowed && value == 0.0f;
         if (!off && !check_value((berth_field_t)rule->field, value, rule->minimum, rule->maximum,
                                  refusal)) {

@@ -9,8 +9,8 @@
 #define CHECK_FLOAT_MAX 0x1.fffffep+127f
 
 /* False for NaN too, because every comparison with NaN is false. */
-static inline bool check_range(float value, float minimum, float maximum) {
-    return value >= minimum && value <= maximum;
+static inline bool check_range(float value, float lowest, float highest) {
+    return value >= lowest && value <= highest;
 }
 
 /* One float of a struct and the range that it must be in. Tables of these are constant data, which
@@ -18,10 +18,13 @@ static inline bool check_range(float value, float minimum, float maximum) {
 typedef struct {
     uint8_t field;     /* berth_field_t */
     bool zero_allowed; /* 0 switches the thing off; it need not be in the range */
-    uint16_t offset;   /* of the value in the struct */
+    uint16_t at;       /* CHECK_AT */
     float minimum;
     float maximum;
 } check_rule_t;
+
+/* Where a float is in a struct, in floats: their alignment makes it whole. */
+#define CHECK_AT(type, member) ((uint16_t)(offsetof(type, member) / sizeof(float)))
 
 #define CHECK_COUNT(rules) (sizeof(rules) / sizeof((rules)[0]))
 

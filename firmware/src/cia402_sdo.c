@@ -110,7 +110,7 @@ static uint32_t request_value(const berth_drive_config_t *config, const request_
     case VALUE_PRODUCER:
         return timeout_ms / 3u;
     case VALUE_CONSUMER:
-        return (uint32_t)config->master_node << 16 | timeout_ms;
+        return ((uint32_t)config->master_node << 16) | timeout_ms;
     case VALUE_MODE:
         return config->mode;
     case VALUE_PERIOD:
@@ -135,9 +135,9 @@ static berth_can_frame_t request_frame(const berth_drive_t *drive, const request
         frame.data[0] = COMMAND_UPLOAD;
     } else {
         frame.data[0] = (uint8_t)(COMMAND_DOWNLOAD | (4u - request->size) << 2);
-        put_u32_le(frame.data + 4, value);
+        put_u32_le(&frame.data[4], value);
     }
-    put_u16_le(frame.data + 1, request->index);
+    put_u16_le(&frame.data[1], request->index);
     frame.data[3] = request->sub;
     return frame;
 }
@@ -157,7 +157,7 @@ void cia402_put_word_by_sdo(const berth_drive_t *drive, uint16_t word, berth_out
 
 uint32_t cia402_setup_object(const berth_drive_t *drive) {
     const request_t *request = &requests[drive->state.cia402.request];
-    return (uint32_t)request->index << 8 | request->sub;
+    return ((uint32_t)request->index << 8) | request->sub;
 }
 
 void cia402_setup_start(berth_drive_t *drive, int64_t at_us) {
@@ -252,12 +252,14 @@ static void compare_mode(berth_drive_t *drive, uint8_t told) {
         state->stage = CIA402_RUN;
     } else if (state->tries >= BERTH_CIA402_TRIES) {
         drive_fail(drive, BERTH_DRIVE_FAULT_SETUP, BERTH_CIA402_CODE_MODE + told);
+    } else {
+        /* it may still change */
     }
 }
 
 static void refused(berth_drive_t *drive, const request_t *request, uint32_t code, int64_t at_us) {
     const bool missing = code == ABORT_NO_OBJECT || code == ABORT_NO_SUB_INDEX;
-    if (missing && (request->when & WHEN_OPTIONAL) != 0) {
+    if (missing && (request->when & WHEN_OPTIONAL) != 0u) {
         next_request(drive, at_us);
     } else {
         drive_fail(drive, BERTH_DRIVE_FAULT_SETUP, code);
@@ -273,11 +275,11 @@ drive_frame_t cia402_answer(berth_drive_t *drive, const berth_can_frame_t *frame
     }
     const request_t *request = &requests[state->request];
     if (drive->status.state != BERTH_DRIVE_STARTING || !state->waiting ||
-        get_u16_le(frame->data + 1) != request->index || frame->data[3] != request->sub) {
+        get_u16_le(&frame->data[1]) != request->index || frame->data[3] != request->sub) {
         return DRIVE_FRAME_GOOD;
     }
     if (command == COMMAND_ABORT) {
-        refused(drive, request, get_u32_le(frame->data + 4), at_us);
+        refused(drive, request, get_u32_le(&frame->data[4]), at_us);
         return DRIVE_FRAME_GOOD;
     }
     if (expedited(command) != (request->size == SIZE_UPLOAD)) {

@@ -15,7 +15,7 @@ typedef enum {
     STATE_QUICK_STOP,
     STATE_FAULT_REACTION,
     STATE_FAULT
-} state_t;
+} device_state_t;
 
 typedef struct {
     uint8_t mask;
@@ -23,7 +23,7 @@ typedef struct {
     uint8_t state;
 } pattern_t;
 
-static state_t decode(uint16_t statusword) {
+static device_state_t decode(uint16_t statusword) {
     static const pattern_t patterns[] = {
         {0x4F, 0x00, STATE_NOT_READY},      {0x4F, 0x40, STATE_SWITCH_ON_DISABLED},
         {0x6F, 0x21, STATE_READY},          {0x6F, 0x23, STATE_SWITCHED_ON},
@@ -32,13 +32,13 @@ static state_t decode(uint16_t statusword) {
     };
     for (uint32_t i = 0; i < sizeof patterns / sizeof patterns[0]; i++) {
         if ((statusword & patterns[i].mask) == patterns[i].value) {
-            return (state_t)patterns[i].state;
+            return (device_state_t)patterns[i].state;
         }
     }
     return STATE_UNKNOWN;
 }
 
-static bool faulty(state_t state) {
+static bool faulty(device_state_t state) {
     return state == STATE_FAULT || state == STATE_FAULT_REACTION;
 }
 
@@ -47,7 +47,7 @@ bool cia402_fault_told(const berth_drive_t *drive) {
 }
 
 /* An old fault is reset while enabling; one that comes after that is a new one. */
-static void check_starting(berth_drive_t *drive, state_t now, int64_t at_us) {
+static void check_starting(berth_drive_t *drive, device_state_t now, int64_t at_us) {
     berth_drive_cia402_state_t *state = &drive->state.cia402;
     if (state->stage < CIA402_RUN) {
         return;
@@ -65,13 +65,15 @@ static void check_starting(berth_drive_t *drive, state_t now, int64_t at_us) {
             drive_enabled(drive);
         } else if (state->stage == CIA402_RUN) {
             cia402_setup_check(drive, at_us);
+        } else {
+            /* the set-up or the check of the mode goes on */
         }
     }
 }
 
 static void check_state(berth_drive_t *drive, int64_t at_us) {
     const berth_drive_cia402_state_t *state = &drive->state.cia402;
-    const state_t now = decode(state->statusword);
+    const device_state_t now = decode(state->statusword);
     switch (drive->status.state) {
     case BERTH_DRIVE_STARTING:
         check_starting(drive, now, at_us);
@@ -83,6 +85,8 @@ static void check_state(berth_drive_t *drive, int64_t at_us) {
         } else if (drive->status.state == BERTH_DRIVE_ENABLED && now != STATE_OPERATION) {
             drive_fail(drive, BERTH_DRIVE_FAULT_DISABLED,
                        BERTH_CIA402_CODE_STATUS + state->statusword);
+        } else {
+            /* as it should be */
         }
         break;
     default:
@@ -95,7 +99,7 @@ drive_frame_t cia402_status(berth_drive_t *drive, const berth_can_frame_t *frame
     if (state->stage < CIA402_NODE) {
         return DRIVE_FRAME_GOOD; /* what a former mapping means is not known */
     }
-    const float units = (float)signed_u32(get_u32_le(frame->data + 2));
+    const float units = (float)signed_u32(get_u32_le(&frame->data[2]));
     const float motor_rps = units / drive->config.velocity_units_per_rps;
     if (!drive_frame_has(frame, 6) || !check_range(motor_rps, -MOTOR_RPS_MAX, MOTOR_RPS_MAX)) {
         return DRIVE_FRAME_MALFORMED;
@@ -117,7 +121,7 @@ static uint16_t fault_reset_word(berth_drive_cia402_state_t *state, int64_t now_
 }
 
 static uint16_t enabling_word(berth_drive_cia402_state_t *state, int64_t now_us) {
-    const state_t now = state->told ? decode(state->statusword) : STATE_UNKNOWN;
+    const device_state_t now = state->told ? decode(state->statusword) : STATE_UNKNOWN;
     if (now == STATE_FAULT) {
         return fault_reset_word(state, now_us);
     }

@@ -169,7 +169,7 @@ SMALL static unsigned box_minimum(const berth_constrained_t *w, const value_t *v
         z[1] = where == FREE ? other : bound(box, 1, where);
         const float slope = q.h11 * (z[0] - q.z[0]) + q.h12 * (z[1] - q.z[1]);
         if (left == FREE || (right == HIGH ? slope <= 0.0f : slope >= 0.0f)) {
-            return right | where << 2;
+            return right | (where << 2);
         }
     }
     if (left != FREE) {
@@ -177,7 +177,7 @@ SMALL static unsigned box_minimum(const berth_constrained_t *w, const value_t *v
         const float other = q.z[0] - q.h12 * reciprocal(q.h11) * (z[1] - q.z[1]);
         const unsigned where = place(box, 0, other);
         z[0] = where == FREE ? other : bound(box, 0, where);
-        return where | left << 2;
+        return where | (left << 2);
     }
     return FREE;
 }
@@ -240,8 +240,8 @@ static void eliminate_one(const berth_constrained_t *w, berth_constrained_stage_
 }
 
 /* Both wheels stand: the input moves the state, and that is all. */
-static void eliminate_none(const berth_constrained_t *w, berth_constrained_stage_t *s, value_t *v,
-                           const box_t *box) {
+static void eliminate_none(const berth_constrained_t *w, const berth_constrained_stage_t *s,
+                           value_t *v, const box_t *box) {
     const input_t u =
         input_from_rims(w, bound(box, 0, RIGHT_OF(s->wheels)), bound(box, 1, LEFT_OF(s->wheels)));
     v->l1 += v->p.p11 * u.u1 + v->p.p13 * u.u2;
@@ -279,7 +279,7 @@ typedef enum { LIMITS_GIVEN, LIMITS_FOUND, LIMITS_MINIMISED } limits_t;
 
 /* From stage i to the first, with what is known after stage i. */
 static void sweep_limited(berth_constrained_t *w, int i, value_t *v, limits_t limits) {
-    for (;; i--) {
+    for (;;) {
         berth_constrained_stage_t *s = &w->stages[i];
         const box_t box = stage_box(w, s);
         save_value(s, &v->p);
@@ -290,6 +290,8 @@ static void sweep_limited(berth_constrained_t *w, int i, value_t *v, limits_t li
             const state_t x = {s->x[0], s->x[1], s->x[2]};
             float z[2];
             s->wheels = (uint8_t)box_minimum(w, v, &x, &box, z);
+        } else {
+            /* as given */
         }
         if (s->wheels != FREE && i > w->last_limited) {
             w->last_limited = (int16_t)i;
@@ -299,6 +301,7 @@ static void sweep_limited(berth_constrained_t *w, int i, value_t *v, limits_t li
             return;
         }
         propagate(w, s, v);
+        i--;
     }
 }
 
@@ -409,8 +412,8 @@ static bool is_free(const berth_constrained_t *w, const riccati_p_t *p, const st
           fabsf(w->centre0[1] - (u.u1 - half * u.u2)) <= w->radius0[1])) {
         return false;
     }
-    const berth_constrained_stage_t *end = s + w->horizon;
-    for (s++; s < end; s++) {
+    const berth_constrained_stage_t *end = &s[w->horizon];
+    for (s = &s[1]; s < end; s++) {
         e = drift(s, &e);
         u = follow_plain(s, &e);
         if (!(fabsf(s->way - u.u1) + half * fabsf(s->turn - u.u2) <= rim)) {
@@ -576,7 +579,8 @@ static int sweep_forward(berth_constrained_t *w, const state_t *error) {
     const int end = w->horizon;
     state_t e = *error;
     int changed = -1;
-    for (int i = 0; i < end; i++) {
+    int i = 0;
+    while (i < end) {
         if (i > w->last_limited && i > 0) {
             i = forward_plain(w, i, &e);
             if (i == end) {
@@ -593,6 +597,7 @@ static int sweep_forward(berth_constrained_t *w, const state_t *error) {
         s->found = (uint8_t)wheels;
         store(s, &x, &u);
         e = (state_t){x.x1 + u.u1, x.x2, x.x3 + u.u2};
+        i++;
     }
     return changed;
 }
@@ -763,6 +768,8 @@ static void warm_up(berth_constrained_t *w, const berth_tracker_input_t *input) 
             w->last_limited = -1;
         } else if (last + 1 < w->horizon) {
             w->last_limited = (int16_t)(last - 1);
+        } else {
+            /* the last stage keeps what it met */
         }
     }
     w->total = total;

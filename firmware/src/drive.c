@@ -7,7 +7,6 @@
 #include "scalar.h"
 
 #define TURNS_PER_RAD 0.159154943f
-#define RAD_PER_TURN 6.28318531f
 #define SECONDS_PER_US 1.0e-6f
 
 /* A position jumps when it is further from where the speed says than a quarter of a motor turn,
@@ -34,9 +33,9 @@ static berth_error_t check_common(const berth_drive_config_t *config, berth_refu
     return good ? BERTH_OK : BERTH_ERROR_CONFIG;
 }
 
-berth_error_t drive_check_node(const berth_drive_config_t *config, float minimum, float maximum,
+berth_error_t drive_check_node(const berth_drive_config_t *config, float lowest, float highest,
                                berth_refusal_t *refusal) {
-    return check_value(BERTH_FIELD_DRIVE_NODE, (float)config->node, minimum, maximum, refusal)
+    return check_value(BERTH_FIELD_DRIVE_NODE, (float)config->node, lowest, highest, refusal)
                ? BERTH_OK
                : BERTH_ERROR_CONFIG;
 }
@@ -150,6 +149,8 @@ bool berth_drive_receive(berth_drive_t *drive, const berth_can_frame_t *frame, i
         count(&drive->status.received);
     } else if (kind == DRIVE_FRAME_MALFORMED) {
         count(&drive->status.malformed);
+    } else {
+        /* not from this drive */
     }
     return kind != DRIVE_FRAME_FOREIGN;
 }

@@ -35,7 +35,7 @@ static void put_command(const berth_drive_t *drive, uint16_t word, int32_t veloc
                         berth_outbox_t *outbox) {
     berth_can_frame_t frame = drive_frame(CIA402_ID_RPDO1 + (uint32_t)drive->config.node, false, 6);
     put_u16_le(frame.data, word);
-    put_u32_le(frame.data + 2, (uint32_t)velocity);
+    put_u32_le(&frame.data[2], (uint32_t)velocity);
     (void)berth_outbox_put(outbox, &frame, BERTH_OUTBOX_LATEST);
 }
 
@@ -151,9 +151,13 @@ static void nmt_state_told(berth_drive_t *drive, uint8_t told, int64_t at_us) {
             state->stage = CIA402_NODE;
             state->waiting = false;
             state->due_us = at_us;
+        } else {
+            /* still on its way */
         }
     } else if (state->stage >= CIA402_RUN && told != CIA402_NMT_OPERATIONAL) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DISABLED, BERTH_CIA402_CODE_NMT + told);
+    } else {
+        /* as it should be */
     }
 }
 

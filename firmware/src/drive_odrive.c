@@ -33,7 +33,7 @@ static berth_error_t check(const berth_drive_config_t *config, berth_refusal_t *
 }
 
 static uint32_t id_of(const berth_drive_t *drive, uint32_t command) {
-    return (uint32_t)drive->config.node << 5 | command;
+    return ((uint32_t)drive->config.node << 5) | command;
 }
 
 static bool put_empty(const berth_drive_t *drive, uint32_t command, berth_outbox_t *outbox) {
@@ -50,7 +50,7 @@ static bool put_axis_state(const berth_drive_t *drive, uint32_t state, berth_out
 static bool put_mode(const berth_drive_t *drive, berth_outbox_t *outbox) {
     berth_can_frame_t frame = drive_frame(id_of(drive, CONTROLLER_MODE), false, 8);
     put_u32_le(frame.data, CONTROL_VELOCITY);
-    put_u32_le(frame.data + 4, INPUT_PASSTHROUGH);
+    put_u32_le(&frame.data[4], INPUT_PASSTHROUGH);
     return berth_outbox_put(outbox, &frame, BERTH_OUTBOX_EACH);
 }
 
@@ -100,6 +100,8 @@ static void starting(berth_drive_t *drive, int64_t at_us) {
     } else if (!good && state->step == STEP_DONE) {
         state->step = STEP_WAIT; /* it fell out again */
         state->retry_us = at_us + RETRY_US;
+    } else {
+        /* still on its way */
     }
 }
 
@@ -118,6 +120,8 @@ static drive_frame_t heartbeat(berth_drive_t *drive, const berth_can_frame_t *fr
         drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, state->error);
     } else if (!state->stopped_hard && state->axis_state != STATE_CLOSED_LOOP) {
         drive_fail(drive, BERTH_DRIVE_FAULT_DISABLED, state->axis_state);
+    } else {
+        /* as it should be */
     }
     return DRIVE_FRAME_GOOD;
 }
@@ -141,7 +145,7 @@ static drive_frame_t encoder_estimates(berth_drive_t *drive, const berth_can_fra
         return DRIVE_FRAME_MALFORMED;
     }
     const float turns = float_from_bits(get_u32_le(frame->data));
-    const float rps = float_from_bits(get_u32_le(frame->data + 4));
+    const float rps = float_from_bits(get_u32_le(&frame->data[4]));
     if (!check_range(turns, -CHECK_FLOAT_MAX, CHECK_FLOAT_MAX) ||
         !check_range(rps, -BERTH_ODRIVE_SPEED_MAX_RPS, BERTH_ODRIVE_SPEED_MAX_RPS)) {
         return DRIVE_FRAME_MALFORMED;

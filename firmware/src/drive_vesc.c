@@ -22,7 +22,7 @@ static berth_error_t check(const berth_drive_config_t *config, berth_refusal_t *
 }
 
 static uint32_t id_of(const berth_drive_t *drive, uint32_t packet) {
-    return packet << 8 | drive->config.node;
+    return (packet << 8) | drive->config.node;
 }
 
 static float erpm_per_rps(const berth_drive_t *drive) {

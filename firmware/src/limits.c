@@ -7,7 +7,7 @@
 #include <math.h>
 
 #define RULE(field, zero_allowed, member, minimum, maximum)                                        \
-    {field, zero_allowed, offsetof(berth_limits_config_t, member), minimum, maximum}
+    {(field), (zero_allowed), CHECK_AT(berth_limits_config_t, member), (minimum), (maximum)}
 
 berth_error_t berth_limits_check(const berth_limits_config_t *config, berth_refusal_t *refusal) {
     /* where 0 switches a limit off, tiny values that are not 0 would be mistakes of unit */

@@ -20,7 +20,8 @@ static bool outside(const berth_obstacle_t *obstacle, float x_m, float y_m) {
 /* Offset of the cursor from the current sample; negative once the reference has passed it. The
  * counter wraps at 2^32, which the difference survives. */
 static int32_t offset(const berth_obstacle_slot_t *slot, const berth_reference_t *reference) {
-    return (int32_t)(slot->memory.cursor - reference->total);
+    const uint32_t ahead = slot->memory.cursor - reference->total;
+    return (int32_t)ahead;
 }
 
 /* Number of samples from the first one on, of at most run, that are all outside (or all inside).
@@ -31,7 +32,7 @@ static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth
     const float y = obstacle->y_m;
     const float square = obstacle->regulated_m * obstacle->regulated_m;
     const berth_sample_t *sample = first;
-    const berth_sample_t *const end = first + run;
+    const berth_sample_t *const end = &first[run];
     for (; sample != end; sample++) {
         const float dx = x - sample->x_m;
         const float dy = y - sample->y_m;
@@ -39,7 +40,8 @@ static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth
             break;
         }
     }
-    return (uint32_t)(sample - first);
+    const ptrdiff_t alike = sample - first;
+    return (uint32_t)alike;
 }
 
 /* Scans on until the exit, the horizon, the plan's last row or the budget is reached. Returns how

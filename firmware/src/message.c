@@ -22,7 +22,6 @@
 #define RADIUS_MOST 255
 #define STATE_UNKNOWN 15u
 #define ACTIVE_MOST 31u
-#define TOTAL_MASK 0xffffffu
 
 static bool is_finite(float value) {
     return fabsf(value) <= 0x1.fffffep+127f;

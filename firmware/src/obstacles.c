@@ -9,11 +9,11 @@ void berth_obstacles_clear(berth_obstacles_t *obstacles) {
 
 berth_error_t berth_obstacle_check(const berth_obstacle_t *obstacle, berth_refusal_t *refusal) {
     static const check_rule_t rules[] = {
-        {BERTH_FIELD_OBSTACLE_X, false, offsetof(berth_obstacle_t, x_m), -BERTH_POSITION_MAX_M,
+        {BERTH_FIELD_OBSTACLE_X, false, CHECK_AT(berth_obstacle_t, x_m), -BERTH_POSITION_MAX_M,
          BERTH_POSITION_MAX_M},
-        {BERTH_FIELD_OBSTACLE_Y, false, offsetof(berth_obstacle_t, y_m), -BERTH_POSITION_MAX_M,
+        {BERTH_FIELD_OBSTACLE_Y, false, CHECK_AT(berth_obstacle_t, y_m), -BERTH_POSITION_MAX_M,
          BERTH_POSITION_MAX_M},
-        {BERTH_FIELD_OBSTACLE_HARD, false, offsetof(berth_obstacle_t, hard_m), BERTH_RADIUS_MIN_M,
+        {BERTH_FIELD_OBSTACLE_HARD, false, CHECK_AT(berth_obstacle_t, hard_m), BERTH_RADIUS_MIN_M,
          BERTH_RADIUS_MAX_M},
     };
     const bool good = check_rules(obstacle, rules, CHECK_COUNT(rules), refusal) &&

@@ -10,7 +10,7 @@
 #define TRAVEL_MAX_RAD 1.0e4f
 
 #define RULE(field, zero_allowed, member, minimum, maximum)                                        \
-    {field, zero_allowed, offsetof(berth_odometry_config_t, member), minimum, maximum}
+    {(field), (zero_allowed), CHECK_AT(berth_odometry_config_t, member), (minimum), (maximum)}
 
 berth_error_t berth_odometry_init(berth_odometry_t *odometry, const berth_odometry_config_t *config,
                                   berth_refusal_t *refusal) {

@@ -26,14 +26,14 @@ static bool check_header(const berth_plan_t *plan, berth_refusal_t *refusal) {
 
 static bool check_sample(const berth_sample_t *sample, berth_refusal_t *refusal) {
     static const check_rule_t rules[] = {
-        {BERTH_FIELD_SAMPLE_X, false, offsetof(berth_sample_t, x_m), -BERTH_POSITION_MAX_M,
+        {BERTH_FIELD_SAMPLE_X, false, CHECK_AT(berth_sample_t, x_m), -BERTH_POSITION_MAX_M,
          BERTH_POSITION_MAX_M},
-        {BERTH_FIELD_SAMPLE_Y, false, offsetof(berth_sample_t, y_m), -BERTH_POSITION_MAX_M,
+        {BERTH_FIELD_SAMPLE_Y, false, CHECK_AT(berth_sample_t, y_m), -BERTH_POSITION_MAX_M,
          BERTH_POSITION_MAX_M},
-        {BERTH_FIELD_SAMPLE_THETA, false, offsetof(berth_sample_t, theta_rad), -BERTH_PI, BERTH_PI},
-        {BERTH_FIELD_SAMPLE_V, false, offsetof(berth_sample_t, v_mps), -BERTH_SAMPLE_V_MAX_MPS,
+        {BERTH_FIELD_SAMPLE_THETA, false, CHECK_AT(berth_sample_t, theta_rad), -BERTH_PI, BERTH_PI},
+        {BERTH_FIELD_SAMPLE_V, false, CHECK_AT(berth_sample_t, v_mps), -BERTH_SAMPLE_V_MAX_MPS,
          BERTH_SAMPLE_V_MAX_MPS},
-        {BERTH_FIELD_SAMPLE_OMEGA, false, offsetof(berth_sample_t, omega_radps),
+        {BERTH_FIELD_SAMPLE_OMEGA, false, CHECK_AT(berth_sample_t, omega_radps),
          -BERTH_SAMPLE_OMEGA_MAX_RADPS, BERTH_SAMPLE_OMEGA_MAX_RADPS},
     };
     return check_rules(sample, rules, CHECK_COUNT(rules), refusal);
@@ -92,8 +92,8 @@ static uint32_t crc_floats(uint32_t crc, const float *values, uint32_t count) {
 }
 
 uint32_t berth_plan_crc(const berth_plan_t *plan) {
-    const uint32_t flags = (uint32_t)plan->closed << 24 | (uint32_t)plan->gain_source << 16 |
-                           (uint32_t)plan->mpc.discretization << 8;
+    const uint32_t flags = ((uint32_t)plan->closed << 24) | ((uint32_t)plan->gain_source << 16) |
+                           ((uint32_t)plan->mpc.discretization << 8);
     uint32_t crc = UINT32_MAX;
     crc = crc_word(crc, plan->count);
     crc = crc_word(crc, plan->period_us);
@@ -130,7 +130,7 @@ static uint64_t divide(uint64_t value, uint32_t divisor, uint32_t *remainder) {
     uint64_t quotient = 0;
     uint32_t rest = 0;
     for (int shift = 60; shift >= 0; shift -= 12) {
-        const uint32_t part = (rest << 12) | (uint32_t)((value >> shift) & 0xfffu);
+        const uint32_t part = (rest << 12) | (uint32_t)((value >> (uint32_t)shift) & 0xfffu);
         quotient = (quotient << 12) | (part / divisor);
         rest = part % divisor;
     }
@@ -138,7 +138,7 @@ static uint64_t divide(uint64_t value, uint32_t divisor, uint32_t *remainder) {
     return quotient;
 }
 
-_Static_assert(BERTH_PERIOD_MAX_US < 1u << 20 && BERTH_PLAN_COUNT_MAX < 1u << 20,
+_Static_assert(BERTH_PERIOD_MAX_US < 0x100000u && BERTH_PLAN_COUNT_MAX < 0x100000u,
                "divide() takes divisors below 2^20");
 
 void berth_reference_advance(berth_reference_t *reference, const berth_plan_t *plan,
@@ -146,7 +146,8 @@ void berth_reference_advance(berth_reference_t *reference, const berth_plan_t *p
     if (now_us < reference->next_us) {
         return;
     }
-    uint64_t late_us = (uint64_t)(now_us - reference->next_us);
+    const int64_t behind_us = now_us - reference->next_us;
+    uint64_t late_us = (uint64_t)behind_us;
     uint64_t late = 0; /* whole periods */
     uint32_t index;
     if (late_us >= plan->period_us) { /* off the usual path, which has no division */

@@ -219,7 +219,8 @@ static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL
     REAL turn;
     REAL way;
     REAL unused[3];
-    for (uint32_t i = plan->mpc.horizon;; i--) {
+    uint32_t i = plan->mpc.horizon;
+    for (;;) {
         riccati_stage(plan, stage, period, &turn, &way);
         (void)riccati_eliminate_u1(&p, rho1, unused);
         (void)riccati_eliminate_u2(&p, rho2, unused);
@@ -228,6 +229,7 @@ static inline void riccati_gain_euler(const berth_plan_t *plan, uint32_t k, REAL
         }
         riccati_propagate_euler(&p, turn, way, q);
         stage = riccati_stage_before(plan, stage);
+        i--;
     }
     riccati_gain_from_p(&p, &(riccati_a_t){1, turn, 0, way}, period, plan->mpc.r, gain);
 }

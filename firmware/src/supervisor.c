@@ -153,6 +153,8 @@ static void step_arming(berth_supervisor_t *supervisor, const berth_supervisor_i
         enter(supervisor, BERTH_SUPERVISOR_ARMED, now_us);
     } else if (now_us - supervisor->since_us > supervisor->config.arm_timeout_us) {
         berth_supervisor_fail(supervisor, BERTH_FAULT_ARM_TIMEOUT, now_us);
+    } else {
+        /* not yet, and there is time */
     }
 }
 
@@ -163,6 +165,8 @@ static void step_ready(berth_supervisor_t *supervisor, const berth_supervisor_in
         berth_supervisor_fail(supervisor, lost, now_us);
     } else if (!follows(supervisor, inputs, now_us)) {
         berth_supervisor_fail(supervisor, BERTH_FAULT_FOLLOWING, now_us);
+    } else {
+        /* nothing is amiss */
     }
 }
 
@@ -172,6 +176,8 @@ static void step_stopping(berth_supervisor_t *supervisor, const berth_supervisor
         enter(supervisor, BERTH_SUPERVISOR_IDLE, now_us);
     } else if (now_us - supervisor->since_us > supervisor->config.stop_timeout_us) {
         berth_supervisor_fail(supervisor, BERTH_FAULT_STOP_TIMEOUT, now_us);
+    } else {
+        /* not yet, and there is time */
     }
 }
 
