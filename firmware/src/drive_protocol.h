@@ -80,7 +80,7 @@ static inline bool drive_frame_has(const berth_can_frame_t *frame, uint8_t lengt
 }
 
 /* The one check that most nodes need. */
-berth_error_t drive_check_node(const berth_drive_config_t *config, float minimum, float maximum,
+berth_error_t drive_check_node(const berth_drive_config_t *config, float lowest, float highest,
                                berth_refusal_t *refusal);
 
 #endif
