@@ -68,7 +68,8 @@ static float wrap_far(float x) {
     const uint32_t fraction = (uint32_t)((turn_window(exponent) * mantissa) >> 32);
     const bool beyond_half = fraction > 0x80000000u;
     const float rest = (float)(beyond_half ? 0u - fraction : fraction) * RADIANS_PER_UNIT;
-    return beyond_half != (x < 0.0f) ? -rest : rest;
+    const bool below_zero = x < 0.0f;
+    return beyond_half != below_zero ? -rest : rest;
 }
 
 float angle_wrap_outside(float angle_rad) {

@@ -180,7 +180,7 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
         clearance_m = minimum(clearance_m, cone->distance_m - obstacle->hard_m);
         cone++;
     }
-    const ptrdiff_t count = cone - view->cones;
+    const ptrdiff_t count = cone - view->cones; /* MISRA D12 */
     view->count = (uint32_t)count;
     avoid->clearance_m = clearance_m;
     avoid->active = (uint8_t)view->count;

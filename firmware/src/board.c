@@ -7,6 +7,8 @@
 
 #include <math.h>
 
+/* MISRA D9 in this file. */
+
 /* A frame's own time counts when it is at most this old. */
 #define FRAME_AGE_MAX_US 1000000
 

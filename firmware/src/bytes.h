@@ -4,6 +4,8 @@
 
 #include <stdint.h>
 
+/* MISRA D13 in this file. */
+
 static inline void put_u16_le(uint8_t *data, uint16_t value) {
     data[0] = (uint8_t)value;
     data[1] = (uint8_t)(value >> 8);
@@ -48,6 +50,7 @@ static inline uint32_t get_u32_be(const uint8_t *data) {
 
 /* Two's complement without a conversion that the language leaves to the compiler. */
 static inline int32_t signed_u32(uint32_t value) {
+    /* MISRA D10 */
     return value <= (uint32_t)INT32_MAX ? (int32_t)value : -(int32_t)(UINT32_MAX - value) - 1;
 }
 

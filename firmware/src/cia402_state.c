@@ -1,6 +1,8 @@
 #include "check.h"
 #include "cia402.h"
 
+/* MISRA D9 in this file. */
+
 /* Faster than this, turns/s, is no speed. */
 #define MOTOR_RPS_MAX 1.0e9f
 

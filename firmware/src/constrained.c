@@ -14,6 +14,8 @@
 #define REAL_SINCOS berth_sincos
 #include "riccati_core.h"
 
+/* MISRA D9, T1, T3 in this file. */
+
 /* Where a wheel stands in its box, and both in one number: right | left << 2. */
 #define FREE 0u
 #define LOW 1u
@@ -343,6 +345,7 @@ static inline void read_stage(reader_t *reader, berth_constrained_stage_t *s, in
         const berth_sample_t *sample = reader->sample;
         turn = reader->period_s * sample->omega_radps;
         way = reader->period_s * sample->v_mps;
+        /* MISRA D12 */
         reader->sample = sample == reader->first ? reader->last : sample - 1;
     }
     s->turn = turn;
@@ -429,7 +432,7 @@ static inline float room(const box_t *box, int wheel, float z) {
 }
 
 static inline bool is_affine(const berth_constrained_t *w, const berth_constrained_stage_t *s) {
-    return s - w->stages < w->last_limited;
+    return s - w->stages < w->last_limited; /* MISRA D12 */
 }
 
 /* The policy of the backward sweep, whatever the box says to it. */
@@ -668,6 +671,7 @@ static float sweep_part(berth_constrained_t *w, const state_t *error, float part
 /* Halves the step until the cost does not rise. False: it always does, and the iterate before is
  * back. */
 static bool search_line(berth_constrained_t *w, const state_t *error, float limit, float *cost) {
+    /* MISRA D11 */
     for (float part = 0.5f; part >= PART_MIN; part *= 0.5f) {
         *cost = sweep_part(w, error, part);
         if (*cost <= limit) {

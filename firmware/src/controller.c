@@ -8,6 +8,8 @@
 
 #include <math.h>
 
+/* MISRA D9 in this file. */
+
 /* On a 32-bit target, with the default capacity: the state has to leave room on small boards. */
 _Static_assert(sizeof(void *) > 4u || BERTH_OBSTACLES_MAX > 16u ||
                    sizeof(berth_controller_t) <= 1024u,

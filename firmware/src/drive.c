@@ -6,6 +6,8 @@
 #include "drive_protocol.h"
 #include "scalar.h"
 
+/* MISRA D9 in this file. */
+
 #define TURNS_PER_RAD 0.159154943f
 #define SECONDS_PER_US 1.0e-6f
 
@@ -403,7 +405,8 @@ const char *berth_drive_fault_text(berth_drive_fault_t fault) {
         "no answer to a setting",
         "emergency message from the drive",
     };
-    _Static_assert(sizeof texts / sizeof texts[0] == BERTH_DRIVE_FAULT_COUNT, "one text each");
+    _Static_assert(sizeof texts / sizeof texts[0] == (size_t)BERTH_DRIVE_FAULT_COUNT,
+                   "one text each");
     const unsigned number = (unsigned)fault;
     return number < (unsigned)BERTH_DRIVE_FAULT_COUNT ? texts[number] : "?";
 }

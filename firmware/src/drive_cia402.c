@@ -4,6 +4,8 @@
 #include "check.h"
 #include "cia402.h"
 
+/* MISRA D9 in this file. */
+
 _Static_assert(BERTH_PERIOD_MAX_US / BERTH_CIA402_SYNC_US < UINT8_MAX, "SYNCs left are a byte");
 
 /* Largest float32 below 2^31. */

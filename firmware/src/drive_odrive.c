@@ -4,6 +4,8 @@
 #include "check.h"
 #include "drive_protocol.h"
 
+/* MISRA D9 in this file. */
+
 #define NODE_MAX 62.0f /* 63 addresses drives without a number */
 #define PREPARE_US 10000
 #define RETRY_US 250000

@@ -5,10 +5,10 @@
 
 enum { SCAN_NEW = 0, SCAN_SEEKS_INSIDE, SCAN_SEEKS_OUTSIDE, SCAN_FOUND };
 
-_Static_assert(BERTH_SCAN_AHEAD > 0 && BERTH_SCAN_AHEAD <= 32767,
+_Static_assert(BERTH_SCAN_AHEAD > 0u && BERTH_SCAN_AHEAD <= 32767u,
                "offsets from the current sample are compared as signed numbers");
-_Static_assert(BERTH_OBSTACLES_MAX < 256, "slots are numbered in 8 bits");
-_Static_assert(BERTH_SCAN_PER_STEP_MIN > 0 && BERTH_SCAN_PER_STEP_MAX <= 32,
+_Static_assert(BERTH_OBSTACLES_MAX < 256u, "slots are numbered in 8 bits");
+_Static_assert(BERTH_SCAN_PER_STEP_MIN > 0u && BERTH_SCAN_PER_STEP_MAX <= 32u,
                "the look-ahead's share of a step is bounded by contract");
 
 static bool outside(const berth_obstacle_t *obstacle, float x_m, float y_m) {
@@ -36,11 +36,12 @@ static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth
     for (; sample != end; sample++) {
         const float dx = x - sample->x_m;
         const float dy = y - sample->y_m;
-        if ((dx * dx + dy * dy > square) != are_outside) {
+        const bool is_outside = dx * dx + dy * dy > square;
+        if (is_outside != are_outside) {
             break;
         }
     }
-    const ptrdiff_t alike = sample - first;
+    const ptrdiff_t alike = sample - first; /* MISRA D12 */
     return (uint32_t)alike;
 }
 

@@ -40,7 +40,7 @@ static int32_t to_units(float value, uint32_t per_unit, int32_t most) {
     if (shift < 63u) {
         const uint32_t mantissa = (bits & 0x7fffffu) | 0x800000u;
         const uint64_t product = (uint64_t)mantissa * per_unit;
-        const uint64_t half = (uint64_t)1 << (shift - 1u);
+        const uint64_t half = (uint64_t)1 << (shift - 1u); /* MISRA T5 */
         const uint64_t rest = product & (2u * half - 1u);
         whole = product >> shift;
         if (rest > half || (rest == half && (whole & 1u) != 0u)) {

@@ -1,6 +1,6 @@
 #include "berth/outbox.h"
 
-_Static_assert(BERTH_OUTBOX_MAX >= 8 && BERTH_OUTBOX_MAX <= 255,
+_Static_assert(BERTH_OUTBOX_MAX >= 8u && BERTH_OUTBOX_MAX <= 255u,
                "one control period of two drives and the telemetry need 8; counts are bytes");
 
 void berth_outbox_reset(berth_outbox_t *outbox) {

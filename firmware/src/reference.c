@@ -4,6 +4,8 @@
 #include "check.h"
 #include "plan_inline.h"
 
+/* MISRA D9 in this file. */
+
 #ifdef BERTH_WITHOUT_ZOH
 #define DISCRETIZATION_MAX BERTH_DISCRETIZATION_EULER
 #else

@@ -75,9 +75,9 @@ static const char *const field_texts[] = {
 };
 
 /* A text is looked up by its number: one missing would shift the rest. */
-_Static_assert(sizeof error_texts / sizeof error_texts[0] == 1 - BERTH_ERROR_STATE,
+_Static_assert(sizeof error_texts / sizeof error_texts[0] == (size_t)-BERTH_ERROR_STATE + 1u,
                "one text for each error");
-_Static_assert(sizeof field_texts / sizeof field_texts[0] == BERTH_FIELD_COUNT,
+_Static_assert(sizeof field_texts / sizeof field_texts[0] == (size_t)BERTH_FIELD_COUNT,
                "one text for each field");
 
 const char *berth_error_text(berth_error_t error) {

@@ -18,6 +18,8 @@
 #include "berth/reference.h"
 #include "small.h"
 
+/* MISRA D9, T1 in this file. */
+
 typedef struct {
     REAL p11, p12, p13, p22, p23, p33;
 } riccati_p_t;

@@ -3,6 +3,8 @@
 #include "check.h"
 #include "count.h"
 
+/* MISRA D9 in this file. */
+
 #define SECOND_US 1.0e6f
 
 static bool check_time(berth_field_t field, uint32_t value_us, float maximum_us,

@@ -1,5 +1,7 @@
 #include "can_fault.h"
 
+/* MISRA T2 in this file. */
+
 #define SETS 8u
 
 /* Counts a call; true when the order picks it. */

@@ -17,6 +17,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* MISRA T2 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif

@@ -37,11 +37,11 @@ bool can_loop_init(can_loop_t *loop, uint32_t bit_rate, int64_t now_us, uint64_t
         now_us < 0 || now_us > CAN_LOOP_TIME_MAX_US) {
         return false;
     }
-    static const can_loop_t empty;
+    static const can_loop_t empty = {0};
     *loop = empty;
     loop->now_ns = now_us * NS_PER_US;
     loop->idle_ns = loop->now_ns;
-    loop->bit_ns = SECOND_NS / bit_rate;
+    loop->bit_ns = (int64_t)SECOND_NS / (int64_t)bit_rate;
     loop->random = seed;
     return true;
 }
@@ -66,6 +66,8 @@ static next_t next_start(const can_loop_t *loop) {
             w = &node->babble;
         } else if (node->tx_count == 0u) {
             continue;
+        } else {
+            /* its first frame */
         }
         const int64_t at_ns = later(free_ns, w->queued_ns);
         if (at_ns < first.at_ns || (at_ns == first.at_ns && w->rank < best)) {
@@ -197,6 +199,8 @@ static void start_frame(can_loop_t *loop, const next_t *next) {
         bits = ordered > 0u && ordered < w->bits ? ordered : w->bits - CAN_WIRE_EOF;
     } else if (!wire->acknowledged) {
         bits = w->bits - CAN_WIRE_EOF - 1u;
+    } else {
+        /* the whole frame */
     }
     wire->event.error = wire->action.corrupt || !wire->acknowledged;
     if (wire->event.error) {
@@ -262,7 +266,7 @@ static void deliver(can_loop_t *loop) {
         if (node->rec > 0u) {
             node->rec = node->rec < CAN_LOOP_PASSIVE_AT ? node->rec - 1u : CAN_LOOP_PASSIVE_AT - 1u;
         }
-        if ((wire->action.deaf >> i & 1u) != 0u) {
+        if (((wire->action.deaf >> i) & 1u) != 0u) {
             node->counters.deafened++;
         } else if (wire->action.delay_us > 0) {
             hold_back(loop, i, &frame);
@@ -365,6 +369,7 @@ void can_loop_run(can_loop_t *loop, int64_t until_us) {
             break;
         case FRAME_START:
         case NOTHING:
+        default:
             start_frame(loop, &next);
             break;
         }
@@ -449,5 +454,6 @@ int64_t can_loop_busy_ns(const can_loop_t *loop) {
 
 double can_loop_load(const can_loop_t *loop, int64_t since_us, int64_t busy_ns) {
     const int64_t span_ns = loop->now_ns - since_us * NS_PER_US;
-    return span_ns > 0 ? (double)(can_loop_busy_ns(loop) - busy_ns) / (double)span_ns : 0.0;
+    const int64_t used_ns = can_loop_busy_ns(loop) - busy_ns;
+    return span_ns > 0 ? (double)used_ns / (double)span_ns : 0.0;
 }

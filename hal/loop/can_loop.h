@@ -34,6 +34,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* MISRA T1 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif

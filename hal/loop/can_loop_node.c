@@ -188,7 +188,8 @@ void can_loop_up(can_loop_t *loop, uint32_t number) {
 }
 
 static int64_t recovery_ns(const can_loop_t *loop) {
-    return loop->bit_ns * (int64_t)CAN_WIRE_RECOVERY;
+    const uint32_t bits = CAN_WIRE_RECOVERY;
+    return loop->bit_ns * (int64_t)bits;
 }
 
 void can_loop_bus_off(can_loop_t *loop, uint32_t number) {

@@ -91,7 +91,7 @@ uint32_t can_wire_bits(const berth_can_frame_t *frame) {
 uint32_t can_wire_rank(const berth_can_frame_t *frame) {
     const uint32_t remote = frame->remote ? 1u : 0u;
     if (frame->extended) {
-        return (frame->id >> 18) << 21 | 3u << 19 | (frame->id & 0x3ffffu) << 1 | remote;
+        return ((frame->id >> 18) << 21) | 0x180000u | ((frame->id & 0x3ffffu) << 1) | remote;
     }
-    return frame->id << 21 | remote << 20;
+    return (frame->id << 21) | (remote << 20);
 }

@@ -2,6 +2,8 @@
 
 #include <stddef.h>
 
+/* MISRA D14, T4 in this file. */
+
 _Static_assert(MPS2_UART_RING <= 32768u && (MPS2_UART_RING & (MPS2_UART_RING - 1u)) == 0u,
                "positions wrap by masking");
 
@@ -103,7 +105,8 @@ static byte_stream_outcome_t stream_read(void *context, uint8_t *bytes, size_t r
     mps2_uart_t *uart = context;
     *count = 0;
     while (*count < room && !is_empty(&uart->received)) {
-        bytes[(*count)++] = ring_take(&uart->received);
+        bytes[*count] = ring_take(&uart->received);
+        (*count)++;
     }
     if (*count > 0) {
         return BYTE_STREAM_DONE;
@@ -164,5 +167,6 @@ void mps2_uart_open(mps2_uart_t *uart, uintptr_t base, uint32_t clock_hz, uint32
     port(uart)->control = 0;
     port(uart)->divider = divider < DIVIDER_MIN ? DIVIDER_MIN : divider;
     port(uart)->interrupt = INTERRUPT_ALL;
-    port(uart)->control = CONTROL_TX_RX | (interrupts ? CONTROL_INTERRUPTS : 0u);
+    const uint32_t interrupt_bits = interrupts ? CONTROL_INTERRUPTS : 0u;
+    port(uart)->control = CONTROL_TX_RX | interrupt_bits;
 }

@@ -1,5 +1,7 @@
 #include "lockstep.h"
 
+/* MISRA D15 in this file. */
+
 #define KIND_MASK 0xffu
 
 void lockstep_encode(berth_can_frame_t *frame, lockstep_kind_t kind, uint64_t value) {
@@ -14,10 +16,11 @@ bool lockstep_decode(const berth_can_frame_t *frame, lockstep_kind_t *kind, uint
     if (!frame->extended || frame->remote || (frame->id & ~KIND_MASK) != LOCKSTEP_ID) {
         return false;
     }
-    *kind = (lockstep_kind_t)(frame->id & KIND_MASK);
+    const uint32_t number = frame->id & KIND_MASK;
+    *kind = (lockstep_kind_t)number;
     *value = 0;
     for (uint32_t i = 0; i < frame->length && i < BERTH_CAN_DATA_MAX; i++) {
-        *value |= (uint64_t)frame->data[i] << (8u * i);
+        *value |= (uint64_t)frame->data[i] << (8u * i); /* MISRA T5 */
     }
     return true;
 }

@@ -1,5 +1,7 @@
 #include "slcan.h"
 
+/* MISRA D15, T2 in this file. */
+
 #define RETURN '\r'
 #define BELL '\a'
 
@@ -76,7 +78,8 @@ static bool put(slcan_t *line, const char *text, size_t length) {
         return false;
     }
     for (size_t i = 0; i < length; i++) {
-        line->transmit[line->transmit_end++] = (uint8_t)text[i];
+        line->transmit[line->transmit_end] = (uint8_t)text[i];
+        line->transmit_end++;
     }
     return true;
 }
@@ -181,6 +184,8 @@ static void answer_if(slcan_t *line, bool good) {
     } else if (!host(line)) {
         /* An adapter must not get a BELL from its host: it would spoil the next command. */
         answer(line, "\a", 1u);
+    } else {
+        /* a host says nothing */
     }
 }
 
@@ -244,9 +249,12 @@ static void answer_setting(slcan_t *line, const char *text, size_t length) {
         good = (length == 5u || length == 7u) && may_configure(line);
     } else if (text[0] == 'Z' && length == 2u) {
         good = in_range(value, '0', '1') && may_configure(line);
-        line->stamps = good && !host(line) ? value == '1' : line->stamps;
+        const bool on = value == '1';
+        line->stamps = good && !host(line) ? on : line->stamps;
     } else if (text[0] == 'X' && length == 2u) {
         good = value == '1';
+    } else {
+        /* not a setting */
     }
     answer_if(line, good);
 }
@@ -295,6 +303,8 @@ static void settle(slcan_t *line) {
         line->setup_answers--;
     } else if (line->unsettled > 0u) {
         line->unsettled--;
+    } else {
+        /* an answer to nothing */
     }
 }
 
@@ -421,7 +431,8 @@ static bool take_byte(slcan_t *line, uint8_t byte, berth_can_frame_t *frame) {
         return false;
     }
     if (line->line_length < SLCAN_LINE_MAX - 1u) {
-        line->line[line->line_length++] = (char)byte;
+        line->line[line->line_length] = (char)byte;
+        line->line_length++;
     } else {
         line->skipping = true;
     }
@@ -466,13 +477,15 @@ static bool usable(const slcan_t *line) {
 }
 
 static size_t stamp_line(const slcan_t *line, char text[SLCAN_LINE_MAX], size_t length) {
-    const uint32_t ms = (uint32_t)((now(line) / 1000) % STAMP_WRAP_MS);
+    const int64_t into_ms = (now(line) / 1000) % STAMP_WRAP_MS;
+    const uint32_t ms = (uint32_t)into_ms;
     size_t at = length - 1u;
     for (uint32_t shift = 16u; shift > 0u; shift -= 4u) {
-        text[at++] = "0123456789ABCDEF"[(ms >> (shift - 4u)) & 0xfu];
+        text[at] = "0123456789ABCDEF"[(ms >> (shift - 4u)) & 0xfu];
+        at++;
     }
-    text[at++] = RETURN;
-    return at;
+    text[at] = RETURN;
+    return at + 1u;
 }
 
 static bool valid(const berth_can_frame_t *frame) {

@@ -50,6 +50,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* MISRA T1 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif

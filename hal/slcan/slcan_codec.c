@@ -1,5 +1,7 @@
 #include "slcan.h"
 
+/* MISRA D15 in this file. */
+
 /* A type letter, the longest id, the length, 8 bytes, a stamp, the return. */
 _Static_assert(SLCAN_LINE_MAX == 1u + 8u + 1u + 2u * BERTH_CAN_DATA_MAX + 4u + 1u,
                "the longest line has this many characters");
@@ -26,16 +28,18 @@ static char type_letter(const berth_can_frame_t *frame) {
 
 size_t slcan_encode(const berth_can_frame_t *frame, char line[SLCAN_LINE_MAX]) {
     size_t at = 0;
-    line[at++] = type_letter(frame);
+    line[at] = type_letter(frame);
+    at++;
     at += put_hex(&line[at], frame->id, frame->extended ? 8u : 3u);
-    line[at++] = digit(frame->length);
+    line[at] = digit(frame->length);
+    at++;
     if (!frame->remote) {
         for (uint32_t i = 0; i < frame->length && i < BERTH_CAN_DATA_MAX; i++) {
             at += put_hex(&line[at], frame->data[i], 2u);
         }
     }
-    line[at++] = '\r';
-    return at;
+    line[at] = '\r';
+    return at + 1u;
 }
 
 /* A digit's value, or 16. */
@@ -88,7 +92,7 @@ static bool get_head(const char *line, size_t length, berth_can_frame_t *frame, 
         return false;
     }
     frame->length = (uint8_t)data_length;
-    *at = 1u + id_digits + 1u;
+    *at = (size_t)id_digits + 2u;
     return true;
 }
 
@@ -103,12 +107,13 @@ bool slcan_decode(const char *line, size_t length, berth_can_frame_t *frame) {
     if (rest != data_digits && rest != data_digits + STAMP_DIGITS) {
         return false;
     }
-    for (size_t i = 0; i < data_digits / 2u; i++, at += 2u) {
+    for (size_t i = 0; i < data_digits / 2u; i++) {
         uint32_t byte = 0;
         if (!get_hex(&line[at], 2u, &byte)) {
             return false;
         }
         found.data[i] = (uint8_t)byte;
+        at += 2u;
     }
     uint32_t stamp = 0;
     if (rest != data_digits && !get_hex(&line[at], STAMP_DIGITS, &stamp)) {

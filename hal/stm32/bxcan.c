@@ -51,7 +51,7 @@ static void read_frame(const bxcan_rx_regs_t *box, berth_can_frame_t *frame) {
     const uint32_t base = stm32_get(rir, BXCAN_RIR_STID);
     frame->extended = (rir & BXCAN_RIR_IDE) != 0u;
     frame->remote = (rir & BXCAN_RIR_RTR) != 0u;
-    frame->id = frame->extended ? base << 18 | stm32_get(rir, BXCAN_RIR_EXID) : base;
+    frame->id = frame->extended ? (base << 18) | stm32_get(rir, BXCAN_RIR_EXID) : base;
     /* Length codes 9 to 15 are sent by some, and mean 8. */
     frame->length = (uint8_t)(length < BERTH_CAN_DATA_MAX ? length : BERTH_CAN_DATA_MAX);
     stm32_can_unpack(frame, words);
@@ -203,10 +203,10 @@ static void collect(bxcan_t *can) {
     uint32_t done = 0;
     for (uint32_t box = 0; box < BXCAN_MAILBOXES; box++) {
         const uint32_t shift = box * BXCAN_TSR_NEXT;
-        if ((can->taken & 1u << box) == 0u || (tsr & BXCAN_TSR_RQCP0 << shift) == 0u) {
+        if ((can->taken & (1u << box)) == 0u || (tsr & (BXCAN_TSR_RQCP0 << shift)) == 0u) {
             continue;
         }
-        if ((tsr & BXCAN_TSR_TXOK0 << shift) == 0u) {
+        if ((tsr & (BXCAN_TSR_TXOK0 << shift)) == 0u) {
             stm32_can_count(&can->tx_dropped);
         }
         can->taken &= (uint8_t)~(1u << box);
@@ -262,6 +262,8 @@ static void look_while_off(bxcan_t *can, uint32_t msr, bool off, bool anew) {
         } else if (is_restart_due(can)) {
             stm32_write(&regs->mcr, mode_word(can) | BXCAN_MCR_INRQ);
             can->phase = BXCAN_STOPPING;
+        } else {
+            /* it stays off */
         }
     } else if (can->phase == BXCAN_STOPPING) {
         if ((msr & BXCAN_MSR_INAK) != 0u) {
@@ -272,6 +274,8 @@ static void look_while_off(bxcan_t *can, uint32_t msr, bool off, bool anew) {
         go_off(can); /* it was back, and off again, between two looks */
     } else if (!off && (msr & BXCAN_MSR_INAK) == 0u) {
         back_on(can);
+    } else {
+        /* still on its way */
     }
 }
 
@@ -303,6 +307,8 @@ static void look(bxcan_t *can) {
         lose_controller(can);
     } else if (off || anew) {
         go_off(can);
+    } else {
+        /* on, as it was */
     }
     can->bus_offs_seen = bus_offs;
 }
@@ -321,14 +327,14 @@ static uint32_t choose(const bxcan_t *can, uint32_t word) {
     const uint32_t tsr = stm32_read(&can->regs->tsr);
     uint32_t lowest = 0;
     for (uint32_t box = 0; box < BXCAN_MAILBOXES; box++) {
-        if ((can->taken & 1u << box) == 0u || ((can->held[box] ^ word) & ~BXCAN_TIR_RTR) != 0u) {
+        if ((can->taken & (1u << box)) == 0u || ((can->held[box] ^ word) & ~BXCAN_TIR_RTR) != 0u) {
             continue;
         }
         /* Of a data and a remote frame with one id, the data frame goes first from any mailbox. */
         lowest = can->held[box] == word ? box + 1u : BXCAN_MAILBOXES;
     }
     while (lowest < BXCAN_MAILBOXES &&
-           ((can->taken & 1u << lowest) != 0u || (tsr & BXCAN_TSR_TME0 << lowest) == 0u)) {
+           ((can->taken & (1u << lowest)) != 0u || (tsr & (BXCAN_TSR_TME0 << lowest)) == 0u)) {
         lowest++;
     }
     return lowest;
@@ -359,7 +365,7 @@ static berth_can_outcome_t send(void *context, const berth_can_frame_t *frame) {
     stm32_write(&regs->tir, word | BXCAN_TIR_TXRQ);
     if (can->bus_offs != can->bus_offs_seen) {
         /* Bus-off came while this was written: the interrupt did not see the frame. */
-        stm32_write(&can->regs->tsr, BXCAN_TSR_ABRQ0 << box * BXCAN_TSR_NEXT);
+        stm32_write(&can->regs->tsr, BXCAN_TSR_ABRQ0 << (box * BXCAN_TSR_NEXT));
     }
     return BERTH_CAN_DONE;
 }
@@ -373,7 +379,7 @@ static berth_can_outcome_t receive(void *context, berth_can_frame_t *frame) {
     return can->phase == BXCAN_ON ? BERTH_CAN_AGAIN : BERTH_CAN_FAILED;
 }
 
-static berth_can_mode_t mode(const bxcan_t *can) {
+static berth_can_mode_t mode_of(const bxcan_t *can) {
     switch (can->phase) {
     case BXCAN_DOWN:
     case BXCAN_JOINING:
@@ -389,7 +395,7 @@ static berth_can_mode_t mode(const bxcan_t *can) {
 static void state(void *context, berth_can_state_t *out) {
     bxcan_t *can = context;
     look(can);
-    *out = (berth_can_state_t){.mode = mode(can),
+    *out = (berth_can_state_t){.mode = mode_of(can),
                                .rx_lost = can->rx_lost,
                                .tx_dropped = can->tx_dropped,
                                .error_frames = can->errors,

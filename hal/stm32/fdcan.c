@@ -43,7 +43,7 @@ static bool wait_for(const fdcan_t *can, const volatile uint32_t *reg, uint32_t 
 static uint32_t first_word(const berth_can_frame_t *frame) {
     const uint32_t kind = frame->remote ? FDCAN_ELEMENT0_RTR : 0u;
     return frame->extended ? kind | FDCAN_ELEMENT0_XTD | frame->id
-                           : kind | frame->id << STANDARD_SHIFT;
+                           : kind | (frame->id << STANDARD_SHIFT);
 }
 
 static void read_frame(const volatile uint32_t *element, berth_can_frame_t *frame) {
@@ -281,6 +281,8 @@ static void look(fdcan_t *can) {
     } else if (can->phase != FDCAN_ON && !off && (cccr & FDCAN_CCCR_INIT) == 0u &&
                stm32_get(psr, FDCAN_PSR_ACT) != SYNCHRONIZING) {
         back_on(can);
+    } else {
+        /* as it was */
     }
 }
 
@@ -299,13 +301,13 @@ static uint32_t choose(const fdcan_t *can, uint32_t word) {
     const uint32_t status = stm32_read(&can->regs->txfqs);
     const uint32_t offered = stm32_get(status, FDCAN_TXFQS_TFQPI);
     if ((status & FDCAN_TXFQS_TFQF) != 0u || offered >= FDCAN_TX_BUFFERS ||
-        (can->taken & 1u << offered) != 0u) {
+        (can->taken & (1u << offered)) != 0u) {
         return FDCAN_TX_BUFFERS;
     }
     for (uint32_t i = 0; i < FDCAN_TX_BUFFERS; i++) {
         const uint32_t difference = can->held[i] ^ word;
         /* Of a data and a remote frame with one id, the data frame goes first from any buffer. */
-        if ((can->taken & 1u << i) != 0u && (difference & ~FDCAN_ELEMENT0_RTR) == 0u &&
+        if ((can->taken & (1u << i)) != 0u && (difference & ~FDCAN_ELEMENT0_RTR) == 0u &&
             (difference != 0u || i > offered)) {
             return FDCAN_TX_BUFFERS;
         }
@@ -349,7 +351,7 @@ static berth_can_outcome_t receive(void *context, berth_can_frame_t *frame) {
     return can->phase == FDCAN_ON ? BERTH_CAN_AGAIN : BERTH_CAN_FAILED;
 }
 
-static berth_can_mode_t mode(const fdcan_t *can) {
+static berth_can_mode_t mode_of(const fdcan_t *can) {
     switch (can->phase) {
     case FDCAN_DOWN:
     case FDCAN_JOINING:
@@ -365,7 +367,7 @@ static berth_can_mode_t mode(const fdcan_t *can) {
 static void state(void *context, berth_can_state_t *out) {
     fdcan_t *can = context;
     look(can);
-    *out = (berth_can_state_t){.mode = mode(can),
+    *out = (berth_can_state_t){.mode = mode_of(can),
                                .rx_lost = can->rx_lost,
                                .tx_dropped = can->tx_dropped,
                                .error_frames = can->errors,

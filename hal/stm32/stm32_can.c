@@ -18,8 +18,9 @@ const char *stm32_can_result_text(stm32_can_result_t result) {
         return "the controller does not answer";
     case STM32_CAN_ERROR_NOT_JOINED:
         return "the bus is not idle";
+    default:
+        return "unknown";
     }
-    return "unknown";
 }
 
 static uint32_t smaller(uint32_t a, uint32_t b) {
@@ -102,6 +103,6 @@ void stm32_can_pack(const berth_can_frame_t *frame, uint32_t words[2]) {
 void stm32_can_unpack(berth_can_frame_t *frame, const uint32_t words[2]) {
     for (uint32_t i = 0; i < BERTH_CAN_DATA_MAX; i++) {
         const bool there = i < frame->length && !frame->remote;
-        frame->data[i] = (uint8_t)(there ? words[i / 4u] >> (8u * (i % 4u)) & 0xffu : 0u);
+        frame->data[i] = (uint8_t)(there ? (words[i / 4u] >> (8u * (i % 4u))) & 0xffu : 0u);
     }
 }

@@ -8,6 +8,7 @@
 
 #include <stdatomic.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #ifdef __cplusplus
@@ -92,7 +93,7 @@ _Static_assert((STM32_CAN_RX_MAX & (STM32_CAN_RX_MAX - 1u)) == 0u && STM32_CAN_R
 /* Where the producer may write the next frame; NULL when the queue is full. */
 static inline berth_can_frame_t *stm32_can_ring_place(stm32_can_ring_t *ring) {
     const uint32_t head = ring->head;
-    return head - ring->tail < STM32_CAN_RX_MAX ? &ring->frames[head % STM32_CAN_RX_MAX] : 0;
+    return head - ring->tail < STM32_CAN_RX_MAX ? &ring->frames[head % STM32_CAN_RX_MAX] : NULL;
 }
 
 /* The frame there is whole. */

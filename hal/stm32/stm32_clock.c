@@ -47,8 +47,9 @@ static int64_t now_us(void *context) {
             ticks = ticks_since_reload(clock);
         }
     } while (count.low != clock->low);
-    const int64_t milliseconds = (int64_t)((uint64_t)count.high << 32 | count.low);
-    return (milliseconds + (pending ? 1 : 0)) * MILLISECOND_US + ticks / clock->ticks_per_us;
+    const uint64_t milliseconds = (((uint64_t)count.high << 32) | count.low) + (pending ? 1u : 0u);
+    const uint32_t us = ticks / clock->ticks_per_us;
+    return (int64_t)milliseconds * MILLISECOND_US + (int64_t)us;
 }
 
 static bool is_woken(const stm32_clock_t *clock) {
@@ -90,7 +91,7 @@ bool stm32_clock_start(stm32_clock_t *clock, const stm32_clock_config_t *config)
 
 void stm32_clock_tick(stm32_clock_t *clock) {
     const uint32_t low = clock->low + 1u;
-    if (low == 0u) {
+    if (low == 0u) { /* MISRA T7: it wraps */
         clock->high = clock->high + 1u;
     }
     clock->low = low;

@@ -12,12 +12,14 @@
 
 #include <stdint.h>
 
+/* MISRA T4 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-#define STM32_BIT(number) (1u << (number))
-#define STM32_FIELD(shift, bits) ((0xffffffffu >> (32u - (bits))) << (shift))
+#define STM32_BIT(number) ((uint32_t)1u << (number))
+#define STM32_FIELD(shift, bits) ((0xffffffffu >> (32u - (uint32_t)(bits))) << (shift))
 
 #ifdef STM32_IO_MODEL
 

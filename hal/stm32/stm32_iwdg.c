@@ -16,7 +16,7 @@ bool stm32_iwdg_start(stm32f4_iwdg_t *regs, uint32_t timeout_us) {
     /* Counts of the undivided oscillator, rounded up. */
     const uint64_t counts = ((uint64_t)timeout_us * OSCILLATOR_MAX_HZ + 999999u) / 1000000u;
     uint32_t code = 0;
-    while (code < PRESCALER_CODE_MAX && counts > (uint64_t)(RELOAD_MAX)*PRESCALER_MIN << code) {
+    while (code < PRESCALER_CODE_MAX && counts > (((uint64_t)(RELOAD_MAX)*PRESCALER_MIN) << code)) {
         code++;
     }
     const uint32_t prescaler = PRESCALER_MIN << code;

@@ -113,7 +113,8 @@ static byte_stream_outcome_t stream_read(void *context, uint8_t *bytes, size_t r
     const bool losing = usart->losing;
     *count = 0;
     while (*count < room && !is_empty(&usart->received)) {
-        bytes[(*count)++] = take_byte(&usart->received);
+        bytes[*count] = take_byte(&usart->received);
+        (*count)++;
     }
     if (*count > 0) {
         return BYTE_STREAM_DONE;
@@ -152,10 +153,10 @@ static void log_line(void *context, const char *text) {
         return;
     }
     for (size_t i = 0; i < length; i++) {
-        put_byte(&usart->waiting, (uint8_t)text[i]);
+        (void)put_byte(&usart->waiting, (uint8_t)text[i]);
     }
-    put_byte(&usart->waiting, '\r');
-    put_byte(&usart->waiting, '\n');
+    (void)put_byte(&usart->waiting, (uint8_t)'\r');
+    (void)put_byte(&usart->waiting, (uint8_t)'\n');
     start_sending(usart);
 }
 

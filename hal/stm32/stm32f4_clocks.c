@@ -33,10 +33,10 @@ static bool switch_to(stm32f4_rcc_t *rcc, uint32_t source) {
  * anyway: the processor runs, so some clock does. */
 static void start_internal(stm32f4_rcc_t *rcc) {
     stm32_change(&rcc->cr, 0, RCC_CR_HSION);
-    wait_for(&rcc->cr, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
-    switch_to(rcc, SWITCH_INTERNAL);
+    (void)wait_for(&rcc->cr, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
+    (void)switch_to(rcc, SWITCH_INTERNAL);
     stm32_change(&rcc->cr, RCC_CR_PLLON | RCC_CR_CSSON, 0);
-    wait_for(&rcc->cr, RCC_CR_PLLRDY, 0);
+    (void)wait_for(&rcc->cr, RCC_CR_PLLRDY, 0);
     stm32_change(&rcc->cr, RCC_CR_HSEON | RCC_CR_HSEBYP, 0);
     stm32_change(&rcc->cfgr, RCC_CFGR_HPRE | RCC_CFGR_PPRE1 | RCC_CFGR_PPRE2, 0);
 }

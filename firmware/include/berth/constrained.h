@@ -50,6 +50,8 @@
 #include "berth/result.h"
 #include "berth/types.h"
 
+/* MISRA T1 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif

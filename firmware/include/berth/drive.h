@@ -28,6 +28,8 @@
 #include "berth/types.h"
 #include "berth_hal/can.h"
 
+/* MISRA D13 in this file. */
+
 #ifdef __cplusplus
 extern "C" {
 #endif
