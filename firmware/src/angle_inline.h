@@ -11,7 +11,7 @@
 
 #include <math.h>
 
-/* MISRA D13 in this file. */
+/* MISRA D12 in this file. */
 
 /* Largest float32 below pi: the largest wrapped angle. */
 #define ANGLE_WRAPPED_MAX 0x1.921fb4p+1f

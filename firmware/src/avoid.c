@@ -163,7 +163,9 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
         if (square > obstacle->regulated_m * obstacle->regulated_m) {
             if (slot->memory.side != 0) {
                 const float release = obstacle->regulated_m + SIDE_RELEASE_M;
-                slot->memory.side = square > release * release ? 0 : slot->memory.side;
+                if (square > release * release) {
+                    slot->memory.side = 0;
+                }
             }
             continue;
         }
@@ -180,7 +182,7 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
         clearance_m = minimum(clearance_m, cone->distance_m - obstacle->hard_m);
         cone++;
     }
-    const ptrdiff_t count = cone - view->cones; /* MISRA D12 */
+    const ptrdiff_t count = cone - view->cones; /* MISRA D11 */
     view->count = (uint32_t)count;
     avoid->clearance_m = clearance_m;
     avoid->active = (uint8_t)view->count;
@@ -273,7 +275,7 @@ static float skirting_speed(const scene_t *scene, float v_mps) {
 /* The heading is free: keep it free. */
 static berth_mode_t keep_free(const scene_t *scene, const view_t *view, berth_twist_t *command) {
     const float turn = command->omega_radps * scene->avoid->period_s;
-    float clamped = turn;
+    float clamped;
     if (turn > view->room_left_rad) {
         clamped = view->room_left_rad;
     } else if (turn < -view->room_right_rad) {

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-/* MISRA D13 in this file. */
+/* MISRA D12 in this file. */
 
 static inline void put_u16_le(uint8_t *data, uint16_t value) {
     data[0] = (uint8_t)value;

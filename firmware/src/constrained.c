@@ -36,8 +36,8 @@
 /* Relative rise of the cost that is rounding. */
 #define COST_TOLERANCE 1.0e-6f
 
-/* Smallest part of a step that is tried. */
-#define PART_MIN 0.02f
+/* How often a step is halved at most. */
+#define HALVINGS 5
 
 /* A pose this far from where the last step expected it has jumped, m and rad. */
 #define JUMP 0.1f
@@ -345,7 +345,7 @@ static inline void read_stage(reader_t *reader, berth_constrained_stage_t *s, in
         const berth_sample_t *sample = reader->sample;
         turn = reader->period_s * sample->omega_radps;
         way = reader->period_s * sample->v_mps;
-        /* MISRA D12 */
+        /* MISRA D11 */
         reader->sample = sample == reader->first ? reader->last : sample - 1;
     }
     s->turn = turn;
@@ -432,7 +432,7 @@ static inline float room(const box_t *box, int wheel, float z) {
 }
 
 static inline bool is_affine(const berth_constrained_t *w, const berth_constrained_stage_t *s) {
-    return s - w->stages < w->last_limited; /* MISRA D12 */
+    return s - w->stages < w->last_limited; /* MISRA D11 */
 }
 
 /* The policy of the backward sweep, whatever the box says to it. */
@@ -671,8 +671,9 @@ static float sweep_part(berth_constrained_t *w, const state_t *error, float part
 /* Halves the step until the cost does not rise. False: it always does, and the iterate before is
  * back. */
 static bool search_line(berth_constrained_t *w, const state_t *error, float limit, float *cost) {
-    /* MISRA D11 */
-    for (float part = 0.5f; part >= PART_MIN; part *= 0.5f) {
+    float part = 1.0f;
+    for (int i = 0; i < HALVINGS; i++) {
+        part *= 0.5f;
         *cost = sweep_part(w, error, part);
         if (*cost <= limit) {
             return true;

@@ -41,7 +41,7 @@ static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth
             break;
         }
     }
-    const ptrdiff_t alike = sample - first; /* MISRA D12 */
+    const ptrdiff_t alike = sample - first; /* MISRA D11 */
     return (uint32_t)alike;
 }
 

@@ -3,7 +3,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* MISRA D14, T4 in this file. */
+/* MISRA D13, T4 in this file. */
 
 #define REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 #define SYST_CSR REGISTER(0xe000e010u)

@@ -2,7 +2,7 @@
 
 #include <stddef.h>
 
-/* MISRA D14, T4 in this file. */
+/* MISRA D13, T4 in this file. */
 
 _Static_assert(MPS2_UART_RING <= 32768u && (MPS2_UART_RING & (MPS2_UART_RING - 1u)) == 0u,
                "positions wrap by masking");

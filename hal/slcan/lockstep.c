@@ -1,6 +1,6 @@
 #include "lockstep.h"
 
-/* MISRA D15 in this file. */
+/* MISRA D14 in this file. */
 
 #define KIND_MASK 0xffu
 

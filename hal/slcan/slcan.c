@@ -1,6 +1,6 @@
 #include "slcan.h"
 
-/* MISRA D15, T2 in this file. */
+/* MISRA D14, T2 in this file. */
 
 #define RETURN '\r'
 #define BELL '\a'

@@ -1,6 +1,6 @@
 #include "slcan.h"
 
-/* MISRA D15 in this file. */
+/* MISRA D14 in this file. */
 
 /* A type letter, the longest id, the length, 8 bytes, a stamp, the return. */
 _Static_assert(SLCAN_LINE_MAX == 1u + 8u + 1u + 2u * BERTH_CAN_DATA_MAX + 4u + 1u,

@@ -91,7 +91,7 @@ bool stm32_clock_start(stm32_clock_t *clock, const stm32_clock_config_t *config)
 
 void stm32_clock_tick(stm32_clock_t *clock) {
     const uint32_t low = clock->low + 1u;
-    if (low == 0u) { /* MISRA T7: it wraps */
+    if (low == 0u) { /* MISRA T6: it wraps */
         clock->high = clock->high + 1u;
     }
     clock->low = low;

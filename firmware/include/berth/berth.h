@@ -1,5 +1,9 @@
 /* berth/berth.h - everything. Start at controller.h for the control loop alone, at board.h for the
- * whole of a drive board. */
+ * whole of a drive board.
+ *
+ * The code keeps to MISRA C:2012 but for numbered deviations, each explained and counted in
+ * tools/rules/deviations.md of the source tree. MISRA D1, D2, D3, D4, D5, D6, D7, D8, T7 hold
+ * everywhere; where others do, a comment says so. */
 #ifndef BERTH_BERTH_H
 #define BERTH_BERTH_H
 

@@ -28,7 +28,7 @@
 #include "berth/types.h"
 #include "berth_hal/can.h"
 
-/* MISRA D13 in this file. */
+/* MISRA D12 in this file. */
 
 #ifdef __cplusplus
 extern "C" {
