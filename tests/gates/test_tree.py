@@ -10,6 +10,7 @@ from tree import NOT_OURS, ROOT, files, name
 TOP_LEVEL = {
     ".ci",
     ".clang-format",
+    ".clang-tidy",
     ".gitattributes",
     ".gitignore",
     "CHANGELOG.md",
