@@ -8,8 +8,7 @@
 
 /* The states of CiA 402 that a statusword can tell. */
 typedef enum {
-    STATE_UNKNOWN = 0,
-    STATE_NOT_READY,
+    STATE_UNKNOWN = 0, /* not ready to switch on, or no state of the table's */
     STATE_SWITCH_ON_DISABLED,
     STATE_READY,
     STATE_SWITCHED_ON,
@@ -27,10 +26,13 @@ typedef struct {
 
 static device_state_t decode(uint16_t statusword) {
     static const pattern_t patterns[] = {
-        {0x4F, 0x00, STATE_NOT_READY},      {0x4F, 0x40, STATE_SWITCH_ON_DISABLED},
-        {0x6F, 0x21, STATE_READY},          {0x6F, 0x23, STATE_SWITCHED_ON},
-        {0x6F, 0x27, STATE_OPERATION},      {0x6F, 0x07, STATE_QUICK_STOP},
-        {0x4F, 0x0F, STATE_FAULT_REACTION}, {0x4F, 0x08, STATE_FAULT},
+        {0x4F, 0x40, STATE_SWITCH_ON_DISABLED},
+        {0x6F, 0x21, STATE_READY},
+        {0x6F, 0x23, STATE_SWITCHED_ON},
+        {0x6F, 0x27, STATE_OPERATION},
+        {0x6F, 0x07, STATE_QUICK_STOP},
+        {0x4F, 0x0F, STATE_FAULT_REACTION},
+        {0x4F, 0x08, STATE_FAULT},
     };
     for (uint32_t i = 0; i < sizeof patterns / sizeof patterns[0]; i++) {
         if ((statusword & patterns[i].mask) == patterns[i].value) {
@@ -61,7 +63,7 @@ static void check_starting(berth_drive_t *drive, device_state_t now, int64_t at_
         }
         return;
     }
-    state->healthy = state->healthy || now > STATE_NOT_READY;
+    state->healthy = state->healthy || now != STATE_UNKNOWN;
     if (now == STATE_OPERATION && state->asked) {
         if (state->mode_told) {
             drive_enabled(drive);

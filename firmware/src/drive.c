@@ -51,13 +51,9 @@ static void forget_feedback(berth_drive_t *drive) {
     drive_position_lost(drive);
 }
 
-/* Byte by byte, because an initializer need not reach the union's larger members. */
-static void zero_state(berth_drive_t *drive) {
-    unsigned char *const bytes = (unsigned char *)&drive->state;
-    for (size_t i = 0; i < sizeof drive->state; i++) {
-        bytes[i] = 0;
-    }
-}
+/* An initializer zeroes a union's first member. */
+_Static_assert(sizeof(((berth_drive_t *)0)->state) == sizeof(berth_drive_cia402_state_t),
+               "no protocol's state is larger than the first");
 
 berth_error_t berth_drive_init(berth_drive_t *drive, const berth_drive_config_t *config,
                                berth_refusal_t *refusal) {
@@ -75,7 +71,6 @@ berth_error_t berth_drive_init(berth_drive_t *drive, const berth_drive_config_t 
         .config = *config,
         .motor_turns_per_rad = (float)config->sign * config->gear_ratio * TURNS_PER_RAD,
     };
-    zero_state(drive);
     forget_feedback(drive);
     return BERTH_OK;
 }

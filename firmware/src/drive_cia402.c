@@ -123,9 +123,8 @@ static drive_frame_t receive_position(berth_drive_t *drive, const berth_can_fram
     }
     const uint32_t counts = get_u32_le(frame->data);
     const float quantum = 1.0f / (float)drive->config.counts_per_turn;
-    const int32_t moved = state->has_counts ? signed_u32(counts - (uint32_t)state->counts) : 0;
-    state->counts = signed_u32(counts);
-    state->has_counts = true;
+    const int32_t moved = signed_u32(counts - state->counts);
+    state->counts = counts;
     return drive_position(drive, (float)moved * quantum, quantum, at_us) ? DRIVE_FRAME_GOOD
                                                                          : DRIVE_FRAME_MALFORMED;
 }
@@ -133,6 +132,7 @@ static drive_frame_t receive_position(berth_drive_t *drive, const berth_can_fram
 /* The drive has lost all that it was told. */
 static void booted(berth_drive_t *drive, int64_t at_us) {
     if (drive->status.state == BERTH_DRIVE_STARTING) {
+        drive_position_lost(drive);
         cia402_setup_start(drive, at_us);
         return;
     }
@@ -182,11 +182,10 @@ static drive_frame_t receive_heartbeat(berth_drive_t *drive, const berth_can_fra
 }
 
 static drive_frame_t receive(berth_drive_t *drive, const berth_can_frame_t *frame, int64_t at_us) {
-    const uint32_t node = drive->config.node;
-    if (frame->extended || frame->id < node) {
+    if (frame->extended) {
         return DRIVE_FRAME_FOREIGN;
     }
-    switch (frame->id - node) {
+    switch (frame->id - drive->config.node) {
     case CIA402_ID_EMERGENCY:
         return receive_emergency(drive, frame);
     case CIA402_ID_TPDO1:

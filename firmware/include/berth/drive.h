@@ -128,10 +128,9 @@ typedef struct {
     bool edge;         /* the fault reset bit is set */
     bool emergency;    /* take the torque off once the wheel stands */
     bool let_go;       /* it does, after an emergency stop */
-    bool has_counts;
     uint16_t statusword;
     uint16_t error_code; /* of the last emergency message, 0 when all errors are gone */
-    int32_t counts;      /* last position */
+    uint32_t counts;     /* last position */
     uint8_t syncs;       /* still to come in this period */
     int64_t sync_us;     /* when the next of them is due */
     int64_t due_us;      /* when to try again */
@@ -150,9 +149,9 @@ struct berth_drive {
     int64_t enabling_us; /* when enabling began */
     bool released;       /* told to take the torque off, and not enabled since */
     union {
+        berth_drive_cia402_state_t cia402; /* the largest first: that is what init zeroes */
         berth_drive_odrive_state_t odrive;
         berth_drive_vesc_state_t vesc;
-        berth_drive_cia402_state_t cia402;
     } state;
 };
 
@@ -213,8 +212,8 @@ int64_t berth_drive_deadline(const berth_drive_t *drive);
  * within two steps of the position, one for either end. In between the speeds count, taken to
  * change evenly from one to the next. A position that is further from there than the speeds can
  * explain (a quarter of a motor turn, 50 ms at the highest speed since, and 250 turns/s^2 over the
- * time since the last position) is no travel: it is counted as malformed, the speeds alone tell the
- * way up to it, and later positions count from there. */
+ * time since the last position, 1 s at most) is no travel: it is counted as malformed, the speeds
+ * alone tell the way up to it, and later positions count from there. */
 float berth_drive_travel(berth_drive_t *drive, int64_t now_us);
 
 /* What was last known of the drive. Valid until the next call. */
