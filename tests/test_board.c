@@ -137,6 +137,37 @@ static void hear_obstacle(uint8_t id, float x_m, float y_m, uint16_t ttl_ms) {
     rig_hear(&rig, &frame);
 }
 
+/* Wheels that stand by chance while they are told to turn on the spot, or to stand for another
+ * reason: the stop has its period to act in either case. */
+static void test_standing_wheels_do_not_end_a_stop_before_it_acts(void) {
+    hear_obstacle(1, 0.95f, 0.45f, 60000); /* straight ahead, in its conservative region */
+    arm();
+    rig_command(&rig, BERTH_COMMAND_START);
+    run_for(RIG_PERIOD_US);
+    TEST_ASSERT_EQUAL_INT(BERTH_MODE_CONSERVATIVE_TURN, berth_board_control(&rig.board)->mode);
+    TEST_ASSERT_TRUE(berth_board_status(&rig.board)->command.twist.v_mps == 0.0f);
+    rig.wheels[0].rps = rig.wheels[1].rps = 0.0;
+    rig_feedback(&rig);
+    rig_command(&rig, BERTH_COMMAND_STOP);
+    run_for(RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_STOPPING);
+    run_for(2 * RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_IDLE);
+
+    hear_obstacle(2, 0.65f, 0.2f, 60000); /* and all around */
+    hear_obstacle(3, 1.25f, 0.2f, 60000);
+    hear_obstacle(4, 0.95f, -0.25f, 60000);
+    arm();
+    rig_command(&rig, BERTH_COMMAND_START);
+    run_for(RIG_PERIOD_US + 10000);
+    TEST_ASSERT_EQUAL_INT(BERTH_MODE_BLOCKED, berth_board_control(&rig.board)->mode);
+    rig_command(&rig, BERTH_COMMAND_STOP);
+    run_for(RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_STOPPING);
+    run_for(RIG_PERIOD_US);
+    expect_state(BERTH_SUPERVISOR_IDLE);
+}
+
 static void cause_left_silence(void) {
     rig.wheels[0].mute = true;
 }
@@ -177,6 +208,10 @@ static void cause_time_backwards(void) {
     berth_board_step(&rig.board, rig.now_us - 1);
     rig_send_all(&rig);
 }
+static void cause_time_beyond_its_range(void) {
+    berth_board_step(&rig.board, BERTH_TIME_MAX_US + 1);
+    rig_send_all(&rig);
+}
 static void cause_impossible_travel(void) {
     rig.board.drives[0].travel_rad += 2.0e4f; /* jumps of the position are no travel */
 }
@@ -210,6 +245,7 @@ static const cause_t causes[] = {
     {"late", cause_late_step, BERTH_FAULT_PERIOD, 0},
     {"late, unheard", cause_late_step_unheard, BERTH_FAULT_PERIOD, 0},
     {"time backwards", cause_time_backwards, BERTH_FAULT_PERIOD, 0},
+    {"time beyond its range", cause_time_beyond_its_range, BERTH_FAULT_PERIOD, 0},
     {"impossible travel", cause_impossible_travel, BERTH_FAULT_POSE_UNKNOWN, 56000},
     {"pose out of range", cause_pose_out_of_range, BERTH_FAULT_CONTROLLER, 51000},
     {"crowd", cause_crowd, BERTH_FAULT_OBSTACLES, 0},
@@ -339,6 +375,22 @@ static void test_a_wheel_that_turns_the_wrong_way_is_noticed(void) {
     TEST_ASSERT_EQUAL_UINT8(BERTH_FAULT_FOLLOWING, berth_board_status(&rig.board)->fault);
 }
 
+static void test_arming_needs_both_drives(void) {
+    for (int side = 0; side < 2; side++) {
+        rig_prepare(&rig);
+        begin();
+        rig.wheels[side].mute = true;
+        rig_command(&rig, BERTH_COMMAND_ARM);
+        run_for(300000);
+        expect_state(BERTH_SUPERVISOR_ARMING);
+        TEST_ASSERT_EQUAL_INT(BERTH_DRIVE_ENABLED, berth_board_drive(&rig.board, 1 - side)->state);
+        TEST_ASSERT_EQUAL_INT(BERTH_DRIVE_STARTING, berth_board_drive(&rig.board, side)->state);
+        rig.wheels[side].mute = false;
+        run_for(100000);
+        expect_state(BERTH_SUPERVISOR_ARMED);
+    }
+}
+
 /* --- what comes in and what goes out ---------------------------------------------------------- */
 
 static void test_commands_come_as_frames_too(void) {
@@ -389,6 +441,64 @@ static void test_a_fix_moves_the_pose_by_its_share(void) {
     TEST_ASSERT_FLOAT_WITHIN(1.0e-4f, 0.95f + 0.02f, berth_board_status(&rig.board)->pose.x_m);
 }
 
+/* A frame's own time counts within the last second, else the time at which it was fetched. */
+static void test_a_frame_from_the_future_or_long_ago_counts_as_now(void) {
+    static const struct {
+        int64_t time_us, taken_us;
+    } cases[] = {{1999000, 1999000}, {2000000, 2000000}, {2000001, 2000000},
+                 {1000001, 1000001}, {1000000, 2000000}, {INT64_MIN, 2000000}};
+    const berth_pose_t pose = {0.95f, 0.0f, 1.5f};
+    berth_can_frame_t frame;
+    berth_message_encode_pose(&frame, BERTH_MESSAGE_POSE_FIX, 5, &pose);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        frame.time_us = cases[i].time_us;
+        berth_board_receive(&rig.board, &frame, 2000000);
+        TEST_ASSERT_EQUAL_INT64(cases[i].taken_us, rig.board.odometry.fix_us);
+    }
+}
+
+static void test_an_obstacle_without_time_to_live_is_taken_back(void) {
+    hear_obstacle(7, 5.0f, 5.0f, 1000);
+    hear_obstacle(8, 6.0f, 5.0f, 1000);
+    TEST_ASSERT_EQUAL_UINT32(2, rig.board.controller.obstacles.count);
+    hear_obstacle(7, 5.0f, 5.0f, 0);
+    TEST_ASSERT_EQUAL_UINT32(1, rig.board.controller.obstacles.count);
+    TEST_ASSERT_EQUAL_FLOAT(6.0f, rig.board.controller.obstacles.slots[0].obstacle.x_m);
+    TEST_ASSERT_EQUAL_UINT32(3, berth_board_status(&rig.board)->received);
+}
+
+/* While the robot does not move, an obstacle too many is counted but stops nothing. */
+static void test_a_crowd_at_a_stand_is_counted(void) {
+    arm();
+    cause_crowd();
+    TEST_ASSERT_EQUAL_UINT32(1, berth_board_status(&rig.board)->obstacles_refused);
+    expect_state(BERTH_SUPERVISOR_ARMED);
+}
+
+static void test_drives_of_two_protocols_are_synchronised_each(void) {
+    rig_command(&rig, BERTH_COMMAND_EMERGENCY_STOP);
+    TEST_ASSERT_EQUAL_INT(1, rig.syncs);
+    const berth_drive_protocol_t other = rig_protocol;
+    rig_prepare(&rig);
+    rig.config.drives[1].protocol = &other;
+    begin();
+    rig_command(&rig, BERTH_COMMAND_EMERGENCY_STOP);
+    TEST_ASSERT_EQUAL_INT(2, rig.syncs);
+}
+
+static void test_telemetry_comes_each_so_many_periods(void) {
+    rig_prepare(&rig);
+    rig.config.telemetry_periods = 4;
+    begin();
+    run_for(8 * RIG_PERIOD_US - 1);
+    TEST_ASSERT_EQUAL_INT(2, rig.statuses);
+    TEST_ASSERT_EQUAL_INT(2, rig.poses);
+    run_for(1);
+    TEST_ASSERT_EQUAL_INT(3, rig.statuses);
+    rig_command(&rig, BERTH_COMMAND_EMERGENCY_STOP); /* told at once */
+    TEST_ASSERT_EQUAL_INT(4, rig.statuses);
+}
+
 static void test_telemetry_tells_what_is(void) {
     start_running();
     TEST_ASSERT_EQUAL_UINT8(BERTH_SUPERVISOR_RUNNING, rig.status.state);
@@ -416,6 +526,15 @@ static void test_late_steps_are_counted_and_not_made_up_for(void) {
     TEST_ASSERT_EQUAL_INT64(130000, after->latest_us);
     TEST_ASSERT_EQUAL_INT64(rig.now_us + 20000, rig.board.tick_us);
     expect_state(BERTH_SUPERVISOR_RUNNING);
+}
+
+static void test_the_count_of_missed_periods_does_not_wrap(void) {
+    run_for(RIG_PERIOD_US);
+    rig.board.status.missed = UINT32_MAX - 2;
+    berth_board_step(&rig.board, rig.board.tick_us + 2 * RIG_PERIOD_US);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, berth_board_status(&rig.board)->missed);
+    berth_board_step(&rig.board, rig.board.tick_us + 3 * RIG_PERIOD_US);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, berth_board_status(&rig.board)->missed);
 }
 
 /* --- properties ------------------------------------------------------------------------------- */
@@ -499,6 +618,15 @@ static void expect_refused(berth_error_t error, berth_field_t field, uint32_t in
     /* unusable: nothing is put, nothing is taken */
     rig_command(&rig, BERTH_COMMAND_ARM);
     berth_board_step(&rig.board, 1000000);
+    berth_board_bus(&rig.board, BERTH_CAN_BUS_OFF, true, 1000000);
+    hear_command(BERTH_COMMAND_EMERGENCY_STOP);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, berth_board_status(&rig.board)->bus);
+    TEST_ASSERT_EQUAL_UINT32(0, berth_board_status(&rig.board)->received);
+    const berth_pose_t pose = {0.0f, 0.0f, 0.0f};
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_STATE, berth_board_set_pose(&rig.board, &pose, 0));
+    const berth_obstacle_t obstacle = {5.0f, 5.0f, 0.1f, 0.3f, 0.5f};
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_STATE,
+                          berth_board_add_obstacle(&rig.board, &obstacle, &refusal));
     TEST_ASSERT_NULL(berth_board_front(&rig.board));
     TEST_ASSERT_EQUAL_INT64(BERTH_TIME_MAX_US, berth_board_deadline(&rig.board));
     rig_prepare(&rig);
@@ -530,8 +658,17 @@ static void test_bad_configurations_are_refused_whole(void) {
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_ARGUMENT, rig_init(&rig, &refusal));
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_TIME,
                           berth_board_init(&rig.board, &rig.shape.plan, &rig.config, -1, &refusal));
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_TIME,
+                          berth_board_init(&rig.board, &rig.shape.plan, &rig.config,
+                                           BERTH_TIME_MAX_US + 1, &refusal));
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_ARGUMENT,
                           berth_board_init(NULL, &rig.shape.plan, &rig.config, 0, &refusal));
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_ARGUMENT,
+                          berth_board_init(&rig.board, NULL, &rig.config, 0, &refusal));
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_ARGUMENT,
+                          berth_board_init(&rig.board, &rig.shape.plan, NULL, 0, &refusal));
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_ARGUMENT,
+                          berth_board_init(&rig.board, &rig.shape.plan, &rig.config, 0, NULL));
 }
 
 static void test_filters_are_the_ids_in_use(void) {
@@ -546,6 +683,12 @@ static void test_a_pose_is_not_set_under_way(void) {
     start_running();
     const berth_pose_t pose = {0.0f, 0.0f, 0.0f};
     TEST_ASSERT_EQUAL_INT(BERTH_ERROR_STATE, berth_board_set_pose(&rig.board, &pose, rig.now_us));
+    rig_command(&rig, BERTH_COMMAND_STOP);
+    expect_state(BERTH_SUPERVISOR_STOPPING);
+    TEST_ASSERT_EQUAL_INT(BERTH_ERROR_STATE, berth_board_set_pose(&rig.board, &pose, rig.now_us));
+    run_for(200000);
+    expect_state(BERTH_SUPERVISOR_IDLE);
+    TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_board_set_pose(&rig.board, &pose, rig.now_us));
 }
 
 static void test_size(void) {
@@ -560,6 +703,7 @@ int main(void) {
     RUN_TEST(test_from_idle_to_running_and_back);
     RUN_TEST(test_a_configured_braking_slows_the_stop);
     RUN_TEST(test_a_stop_takes_its_time_to_act);
+    RUN_TEST(test_standing_wheels_do_not_end_a_stop_before_it_acts);
     RUN_TEST(test_every_cause_stops_both_wheels_and_is_kept);
     RUN_TEST(test_reset_is_refused_while_the_bus_is_down_or_a_wheel_turns);
     RUN_TEST(test_an_emergency_stop_is_harder_than_the_fault_in_force);
@@ -567,11 +711,18 @@ int main(void) {
     RUN_TEST(test_arming_needs_the_plan_that_was_checked);
     RUN_TEST(test_arming_needs_a_pose_and_a_fresh_fix);
     RUN_TEST(test_a_wheel_that_turns_the_wrong_way_is_noticed);
+    RUN_TEST(test_arming_needs_both_drives);
     RUN_TEST(test_commands_come_as_frames_too);
     RUN_TEST(test_malformed_and_foreign_frames_are_counted_and_change_nothing);
     RUN_TEST(test_a_fix_moves_the_pose_by_its_share);
+    RUN_TEST(test_a_frame_from_the_future_or_long_ago_counts_as_now);
+    RUN_TEST(test_an_obstacle_without_time_to_live_is_taken_back);
+    RUN_TEST(test_a_crowd_at_a_stand_is_counted);
+    RUN_TEST(test_drives_of_two_protocols_are_synchronised_each);
+    RUN_TEST(test_telemetry_comes_each_so_many_periods);
     RUN_TEST(test_telemetry_tells_what_is);
     RUN_TEST(test_late_steps_are_counted_and_not_made_up_for);
+    RUN_TEST(test_the_count_of_missed_periods_does_not_wrap);
     RUN_TEST(test_nothing_but_running_moves_a_wheel);
     RUN_TEST(test_bad_configurations_are_refused_whole);
     RUN_TEST(test_filters_are_the_ids_in_use);

@@ -511,6 +511,12 @@ static void test_babbling_node(void) {
     run_to_the_end(&rig);
     const berth_can_frame_t bad = {.id = 0x800};
     TEST_ASSERT_FALSE(can_loop_babble(&rig.loop, 1, &bad, 1));
+
+    setUp();
+    TEST_ASSERT_TRUE(can_loop_babble(&rig.loop, 2, &worst, INT64_MIN)); /* is over already */
+    TEST_ASSERT_EQUAL_INT64(CAN_LOOP_NEVER, can_loop_deadline(&rig.loop));
+    TEST_ASSERT_TRUE(can_loop_babble(&rig.loop, 2, &worst, 1000));
+    TEST_ASSERT_EQUAL_INT64(can_text_bits(&worst), can_loop_deadline(&rig.loop));
 }
 
 static void test_rules_pick_frames(void) {
@@ -536,6 +542,101 @@ static void test_rules_pick_frames(void) {
     }
     TEST_ASSERT_EQUAL_UINT32(16 - 3, from_1);
     TEST_ASSERT_EQUAL_UINT64(3, can_loop_counters(&rig.loop, 2)->deafened);
+}
+
+/* Both formats have such an identifier; the rule is about one of them. */
+static void test_a_rule_tells_the_formats_apart(void) {
+    const berth_can_frame_t extended = {.id = 0x123, .extended = true};
+    const berth_can_frame_t standard = {.id = 0x123};
+    const can_loop_rule_t rule = {.node = CAN_LOOP_ANY_NODE,
+                                  .filtered = true,
+                                  .filter = {.id = 0x123, .mask = 0x7ff, .extended = true},
+                                  .probability = 1.0,
+                                  .action = {.deaf = CAN_LOOP_EVERYBODY}};
+    TEST_ASSERT_TRUE(can_loop_rule(&rig.loop, &rule));
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, rig_send(&rig, 0, &extended));
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, rig_send(&rig, 0, &standard));
+    run_to_the_end(&rig);
+    berth_can_frame_t f;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, rig_receive(&rig, 1, &f));
+    TEST_ASSERT_EQUAL_HEX32(0x123, f.id);
+    TEST_ASSERT_FALSE(f.extended);
+    rig_gets_nothing(&rig, 1);
+    TEST_ASSERT_EQUAL_UINT64(1, can_loop_counters(&rig.loop, 1)->deafened);
+}
+
+/* In whichever order they were made, one rule's fault is not taken back by the next. */
+static void test_either_of_two_rules_is_enough(void) {
+    for (int first = 0; first < 2; first++) {
+        setUp();
+        for (int i = 0; i < 2; i++) {
+            order_rule(0, 0, 1, (can_loop_action_t){.delay_us = 500, .stamp_on_wire = i == first});
+        }
+        rig_sends(&rig, 0, 1);
+        run_to_the_end(&rig);
+        berth_can_frame_t f;
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, rig_receive(&rig, 1, &f));
+        TEST_ASSERT_EQUAL_INT64(rig_bits(0, 1), f.time_us);
+
+        setUp();
+        for (int i = 0; i < 2; i++) {
+            order_rule(
+                0, 0, 1,
+                (can_loop_action_t){.corrupt = i == first, .error_bit = i == first ? 20 : 10});
+        }
+        rig_sends(&rig, 0, 1);
+        run_to_the_end(&rig);
+        TEST_ASSERT_EQUAL_UINT32(2, rig.event_count);
+        TEST_ASSERT_TRUE(rig.events[0].error);
+        TEST_ASSERT_EQUAL_INT64((20 + 20) * RIG_BIT_NS, rig.events[0].end_ns);
+        rig_gets(&rig, 1, 1);
+    }
+}
+
+/* A copy that a fault has ordered is not a frame that waits. */
+static void test_copies_do_not_wait(void) {
+    TEST_ASSERT_EQUAL_UINT32(0, can_loop_waiting(&rig.loop, 0));
+    order_rule(0, 0, 1, (can_loop_action_t){.copies = 2});
+    rig_sends(&rig, 0, 1);
+    rig_sends(&rig, 0, 2);
+    TEST_ASSERT_EQUAL_UINT32(2, can_loop_waiting(&rig.loop, 0));
+    can_loop_run(&rig.loop, rig_bits(0, 1) + 1);
+    TEST_ASSERT_EQUAL_UINT32(1, can_loop_waiting(&rig.loop, 0));
+    can_loop_run(&rig.loop, 2 * (rig_bits(0, 1) + 3));
+    TEST_ASSERT_EQUAL_UINT32(1, can_loop_waiting(&rig.loop, 0));
+    run_to_the_end(&rig);
+    TEST_ASSERT_EQUAL_UINT32(0, can_loop_waiting(&rig.loop, 0));
+    /* and once the wire is empty, what is left of a copy counts no more */
+    TEST_ASSERT_EQUAL_UINT64(2, can_loop_counters(&rig.loop, 0)->copies);
+}
+
+/* A node whose counter is above the passive limit already keeps it while its wire is cut. */
+static void test_a_cut_wire_does_not_lower_the_counter(void) {
+    order_rule(0, 0, 20, (can_loop_action_t){.corrupt = true});
+    rig_sends(&rig, 0, 1);
+    while (can_loop_tec(&rig.loop, 0) < 160) {
+        can_loop_run(&rig.loop, can_loop_deadline(&rig.loop));
+    }
+    TEST_ASSERT_EQUAL_UINT32(160, can_loop_tec(&rig.loop, 0));
+    can_loop_cut(&rig.loop, 0, true);
+    const uint32_t tec = can_loop_tec(&rig.loop, 0);
+    TEST_ASSERT_TRUE(tec >= 160);
+    can_loop_cut(&rig.loop, 0, false);
+    TEST_ASSERT_EQUAL_UINT32(tec, can_loop_tec(&rig.loop, 0));
+}
+
+/* The HAL's counters have 32 bits, and stay at their largest value. */
+static void test_large_counts_are_told_as_the_largest(void) {
+    can_loop_counters_t *counters = &rig.loop.nodes[0].counters;
+    counters->overflow = UINT64_C(1) << 32;
+    counters->dropped = UINT32_MAX;
+    counters->errors = UINT64_MAX;
+    counters->restarts = UINT32_MAX - 1u;
+    const berth_can_state_t state = rig_state(&rig, 0);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, state.rx_lost);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, state.tx_dropped);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, state.error_frames);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX - 1u, state.restarts);
 }
 
 /* Several rules and the hook at once: their actions add up. */
@@ -812,6 +913,11 @@ int main(void) {
     RUN_TEST(test_babbling_node);
     RUN_TEST(test_rules_pick_frames);
     RUN_TEST(test_deadline_is_the_earliest);
+    RUN_TEST(test_a_rule_tells_the_formats_apart);
+    RUN_TEST(test_either_of_two_rules_is_enough);
+    RUN_TEST(test_copies_do_not_wait);
+    RUN_TEST(test_a_cut_wire_does_not_lower_the_counter);
+    RUN_TEST(test_large_counts_are_told_as_the_largest);
     RUN_TEST(test_rules_and_hook_add_up);
     RUN_TEST(test_rules_with_probability);
     RUN_TEST(test_refused_rules);

@@ -91,6 +91,13 @@ static void test_the_controllers_configuration_counts(void) {
     ASSERT_COUNTS(regions.body_m, 0.26f);
     ASSERT_COUNTS(regions.conservative_m, 2.1f);
     ASSERT_COUNTS(regions.regulated_m, 0.31f);
+    static berth_constrained_t workspace;
+    changed = made;
+    changed.controller.tracker = berth_constrained_tracker(&workspace);
+    TEST_ASSERT_NOT_EQUAL_HEX32(before, digest(&straight, &changed));
+    const uint32_t constrained = digest(&straight, &changed);
+    changed.controller.tracker.rim_change_max_mps2 = 1.0f;
+    TEST_ASSERT_NOT_EQUAL_HEX32(constrained, digest(&straight, &changed));
     ASSERT_COUNTS(address, 3);
     ASSERT_COUNTS(telemetry_periods, 4);
 }

@@ -939,6 +939,22 @@ static void test_frames_that_wait(void) {
     rig_expect_silence(&rig);
 }
 
+/* What is to be asked comes before the next SYNC, and the SYNC before the answer's time is over. */
+static void test_requests_and_syncs_are_due_each_in_its_time(void) {
+    rig.drive.config.period_us = 50000;
+    walk_to_operation();
+    rig.now_us += 50000;
+    period("205#0F0000000000");
+    rig_say(&rig, "185#370200000000");
+    TEST_ASSERT_EQUAL_UINT8(4, rig.drive.state.cia402.syncs);
+    const int64_t due_us = berth_drive_deadline(&rig.drive);
+    TEST_ASSERT_TRUE(due_us <= rig.now_us);
+    rig_step(&rig);
+    rig_expect(&rig, mode_check.asks);
+    rig_expect_silence(&rig);
+    TEST_ASSERT_EQUAL_INT64(rig.now_us + 10000, berth_drive_deadline(&rig.drive));
+}
+
 static void test_syncs_between_the_periods(void) {
     rig.drive.config.period_us = 50000;
     walk_to_enabled();
@@ -1375,6 +1391,7 @@ int main(void) {
     RUN_TEST(test_after_disabling_its_pdos_are_nobodys);
     RUN_TEST(test_frames_that_wait);
     RUN_TEST(test_two_drives_and_one_outbox);
+    RUN_TEST(test_requests_and_syncs_are_due_each_in_its_time);
     RUN_TEST(test_syncs_between_the_periods);
     RUN_TEST(test_emergency_stop_lets_go_once_the_wheel_stands);
     RUN_TEST(test_velocity_sign_gear_and_units);

@@ -245,12 +245,17 @@ static void test_falling_out_while_starting_asks_again(void) {
     expect_prepare_frames();
 }
 
-static void fill_outbox(void) {
+/* Leaves room for so many frames. */
+static void fill_outbox_but(uint32_t room) {
     const berth_can_frame_t other = {.id = 0x7ff};
-    bool room = true;
-    while (room) {
-        room = berth_outbox_put(&outbox, &other, BERTH_OUTBOX_EACH);
+    berth_outbox_clear(&outbox);
+    for (uint32_t i = room; i < BERTH_OUTBOX_MAX; i++) {
+        TEST_ASSERT_TRUE(berth_outbox_put(&outbox, &other, BERTH_OUTBOX_EACH));
     }
+}
+
+static void fill_outbox(void) {
+    fill_outbox_but(0);
 }
 
 static void test_a_full_outbox_delays_enabling(void) {
@@ -270,6 +275,32 @@ static void test_a_full_outbox_delays_enabling(void) {
     expect_ask_frames();
     (void)say_heartbeat(0, 8, 31000);
     expect_state(BERTH_DRIVE_ENABLED, BERTH_DRIVE_FAULT_NONE, 0);
+}
+
+/* Where only a part fits, all of it is said again: closed loop is asked for after mode and speed.
+ */
+static void test_an_outbox_with_too_little_room_delays_enabling(void) {
+    for (uint32_t room = 0; room < 3; room++) {
+        setUp();
+        berth_drive_enable(&drive, 0);
+        fill_outbox_but(room);
+        step_at(0);
+        berth_outbox_clear(&outbox);
+        TEST_ASSERT_EQUAL_INT64(PREPARE_US, berth_drive_deadline(&drive));
+        step_at(10000);
+        expect_prepare_frames();
+        fill_outbox_but(room);
+        step_at(20000);
+        berth_outbox_clear(&outbox);
+        TEST_ASSERT_EQUAL_INT64(20000 + PREPARE_US, berth_drive_deadline(&drive));
+        (void)say_estimates(0.0f, 0.0f, 21000);
+        (void)say_heartbeat(0, 8, 21000);
+        expect_state(BERTH_DRIVE_STARTING, BERTH_DRIVE_FAULT_NONE, 0);
+        step_at(30000);
+        expect_ask_frames();
+        (void)say_heartbeat(0, 8, 31000);
+        expect_state(BERTH_DRIVE_ENABLED, BERTH_DRIVE_FAULT_NONE, 0);
+    }
 }
 
 /* --- what a drive makes of it, with one frame lost ---------------------------------------------
@@ -705,6 +736,7 @@ int main(void) {
     RUN_TEST(test_state_8_with_an_error_is_not_enabled);
     RUN_TEST(test_falling_out_while_starting_asks_again);
     RUN_TEST(test_a_full_outbox_delays_enabling);
+    RUN_TEST(test_an_outbox_with_too_little_room_delays_enabling);
     RUN_TEST(test_whichever_frame_is_lost_enabling_gets_there);
     RUN_TEST(test_the_speed_command);
     RUN_TEST(test_a_newer_command_takes_the_place_of_one_that_waits);

@@ -110,6 +110,35 @@ static void test_no_room_keeps_the_frames_for_later(void) {
     TEST_ASSERT_EQUAL_INT64(RIG_PERIOD_US, berth_link_deadline(&link_under_test));
 }
 
+/* The most that can wait leaves in one run. */
+static void test_a_full_outbox_is_sent_whole(void) {
+    const berth_can_frame_t frame = drive_frame(0x7f1, false, 0);
+    run(0);
+    script.sent = 0;
+    for (uint32_t i = 0; i < BERTH_OUTBOX_MAX; i++) {
+        TEST_ASSERT_TRUE(berth_outbox_put(&rig.board.outbox, &frame, BERTH_OUTBOX_EACH));
+    }
+    run(1);
+    TEST_ASSERT_EQUAL_UINT32(BERTH_OUTBOX_MAX, script.sent);
+    TEST_ASSERT_NULL(berth_board_front(&rig.board));
+    TEST_ASSERT_EQUAL_INT64(RIG_PERIOD_US, berth_link_deadline(&link_under_test));
+}
+
+/* A bus that fails is tried again later than one that is busy, but the control step does not wait.
+ */
+static void test_frames_that_wait_are_tried_again(void) {
+    script.send = BERTH_CAN_FAILED;
+    run(0);
+    TEST_ASSERT_TRUE(link_under_test.failed);
+    TEST_ASSERT_EQUAL_INT64(BERTH_LINK_FAILED_US, berth_link_deadline(&link_under_test));
+    script.send = BERTH_CAN_AGAIN;
+    run(BERTH_LINK_FAILED_US);
+    TEST_ASSERT_EQUAL_INT64(BERTH_LINK_FAILED_US + BERTH_LINK_RETRY_US,
+                            berth_link_deadline(&link_under_test));
+    run(RIG_PERIOD_US - BERTH_LINK_RETRY_US / 2);
+    TEST_ASSERT_EQUAL_INT64(RIG_PERIOD_US, berth_link_deadline(&link_under_test));
+}
+
 static void arm(int64_t now_us) {
     berth_board_command(&rig.board, BERTH_COMMAND_ARM, now_us);
     TEST_ASSERT_EQUAL_INT(BERTH_SUPERVISOR_ARMING, status()->state);
@@ -167,6 +196,8 @@ int main(void) {
     RUN_TEST(test_a_run_receives_steps_and_sends);
     RUN_TEST(test_a_flood_is_taken_in_pieces);
     RUN_TEST(test_no_room_keeps_the_frames_for_later);
+    RUN_TEST(test_a_full_outbox_is_sent_whole);
+    RUN_TEST(test_frames_that_wait_are_tried_again);
     RUN_TEST(test_a_failed_send_stops_the_board_in_the_same_run);
     RUN_TEST(test_a_failed_receive_stops_the_board_before_its_step);
     RUN_TEST(test_the_bus_mode_is_told);

@@ -42,6 +42,19 @@ static void test_frames_of_the_bus_are_no_control_frames(void) {
     TEST_ASSERT_EQUAL_HEX64(7, value);
 }
 
+/* A length beyond 8 breaks the contract; no byte beyond the data is read. */
+static void test_a_length_beyond_its_range(void) {
+    berth_can_frame_t frame;
+    lockstep_kind_t kind;
+    uint64_t value;
+    lockstep_encode(&frame, LOCKSTEP_BEGIN, UINT64_MAX);
+    for (uint32_t length = 8; length < 256; length++) {
+        frame.length = (uint8_t)length;
+        TEST_ASSERT_TRUE(lockstep_decode(&frame, &kind, &value));
+        TEST_ASSERT_EQUAL_HEX64(UINT64_MAX, value);
+    }
+}
+
 /* The results of a text's bytes that are not MORE, a letter each. */
 static void feed(lockstep_line_t *line, const char *text, char *seen, berth_can_frame_t *last) {
     for (; *text != '\0'; text++) {
@@ -80,6 +93,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_every_number_comes_back);
     RUN_TEST(test_frames_of_the_bus_are_no_control_frames);
+    RUN_TEST(test_a_length_beyond_its_range);
     RUN_TEST(test_lines);
     return UNITY_END();
 }

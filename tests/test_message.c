@@ -159,6 +159,16 @@ static void test_kind_and_address(void) {
 }
 
 /* No single wrong bit, nor any single wrong byte, makes one command of another. */
+/* A command that does not exist goes out as none, never as another one. */
+static void test_commands_that_do_not_exist_are_sent_as_none(void) {
+    berth_command_code_t got;
+    for (int code = BERTH_COMMAND_NONE; code < 256; code++) {
+        berth_message_encode_command(&frame, ADDRESS, (berth_command_code_t)code);
+        TEST_ASSERT_TRUE(berth_message_decode_command(&frame, &got));
+        TEST_ASSERT_EQUAL_INT(code < BERTH_COMMAND_COUNT ? code : BERTH_COMMAND_NONE, got);
+    }
+}
+
 static void test_commands_with_a_wrong_byte_are_refused(void) {
     for (int code = BERTH_COMMAND_NONE; code < BERTH_COMMAND_COUNT; code++) {
         for (uint32_t place = 0; place < 2; place++) {
@@ -362,6 +372,22 @@ static void test_status_saturates(void) {
     TEST_ASSERT_TRUE(support_same_bits(0.25f, got.clearance_m));
 }
 
+static void test_each_flag_of_the_status_comes_back_alone(void) {
+    for (uint32_t flags = 0; flags < 8; flags++) {
+        const berth_message_status_t sent = {.active = 31,
+                                             .finished = (flags & 1u) != 0,
+                                             .braking = (flags & 2u) != 0,
+                                             .limited = (flags & 4u) != 0};
+        berth_message_status_t got;
+        berth_message_encode_status(&frame, ADDRESS, &sent);
+        TEST_ASSERT_TRUE(berth_message_decode_status(&frame, &got));
+        TEST_ASSERT_EQUAL_INT(sent.finished, got.finished);
+        TEST_ASSERT_EQUAL_INT(sent.braking, got.braking);
+        TEST_ASSERT_EQUAL_INT(sent.limited, got.limited);
+        TEST_ASSERT_EQUAL_UINT8(31, got.active);
+    }
+}
+
 /* A state or mode that does not exist must not pass for another: 16 is not 0. */
 static void test_states_and_modes_that_do_not_exist(void) {
     for (uint32_t number = 0; number < 256; number++) {
@@ -450,6 +476,7 @@ int main(void) {
     RUN_TEST(test_frames_have_their_form);
     RUN_TEST(test_wrong_lengths_and_remote_frames_are_refused);
     RUN_TEST(test_kind_and_address);
+    RUN_TEST(test_commands_that_do_not_exist_are_sent_as_none);
     RUN_TEST(test_commands_with_a_wrong_byte_are_refused);
     RUN_TEST(test_pose_that_is_not_finite_is_refused);
     RUN_TEST(test_position_beyond_the_range_is_refused);
@@ -461,6 +488,7 @@ int main(void) {
     RUN_TEST(test_obstacle_comes_back);
     RUN_TEST(test_clearance);
     RUN_TEST(test_status_saturates);
+    RUN_TEST(test_each_flag_of_the_status_comes_back_alone);
     RUN_TEST(test_states_and_modes_that_do_not_exist);
     RUN_TEST(test_error_that_is_not_finite_is_refused);
     RUN_TEST(test_error_saturates);

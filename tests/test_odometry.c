@@ -484,6 +484,23 @@ static void test_jumps(void) {
     TEST_ASSERT_EQUAL_UINT32(3, odometry.jumps);
 }
 
+/* 0 switches one check off and leaves the other one. */
+static void test_jumps_with_one_check_off(void) {
+    odometry.config.fix_jump_rad = 0.0f;
+    set(0.0f, 0.0f, 0.0f);
+    fix(0.1f, 0.0f, 3.0f, 1);
+    TEST_ASSERT_EQUAL_UINT32(0, odometry.jumps);
+    fix(9.0f, 0.0f, 0.0f, 2);
+    TEST_ASSERT_EQUAL_UINT32(1, odometry.jumps);
+    init();
+    odometry.config.fix_jump_m = 0.0f;
+    set(0.0f, 0.0f, 0.0f);
+    fix(900.0f, 0.0f, 0.4f, 3);
+    TEST_ASSERT_EQUAL_UINT32(0, odometry.jumps);
+    fix(0.0f, 0.0f, 3.0f, 4);
+    TEST_ASSERT_EQUAL_UINT32(1, odometry.jumps);
+}
+
 static void expect_pose_refused(float x_m, float y_m, float theta_rad) {
     const berth_pose_t bad = {x_m, y_m, theta_rad};
     berth_odometry_t expected = odometry;
@@ -582,6 +599,7 @@ int main(void) {
     RUN_TEST(test_gain_of_one_takes_all);
     RUN_TEST(test_blending_across_half_a_turn);
     RUN_TEST(test_jumps);
+    RUN_TEST(test_jumps_with_one_check_off);
     RUN_TEST(test_refused_fixes_change_nothing);
     RUN_TEST(test_configuration);
     return UNITY_END();

@@ -21,6 +21,7 @@ typedef struct {
     size_t piece;
     size_t room; /* bytes that may still be written */
     bool broken;
+    bool mute; /* what is written finds nobody */
 } end_t;
 
 static pipe_t to_us, to_peer;
@@ -51,7 +52,7 @@ static byte_stream_outcome_t end_write(void *context, const uint8_t *bytes, size
                                        size_t *count) {
     end_t *end = context;
     *count = 0;
-    if (end->broken) {
+    if (end->broken || end->mute) {
         return BYTE_STREAM_FAILED;
     }
     size_t n = length < end->piece ? length : end->piece;
@@ -93,8 +94,8 @@ static void begin(slcan_role_t role) {
 void setUp(void) {
     memset(&to_us, 0, sizeof to_us);
     memset(&to_peer, 0, sizeof to_peer);
-    ours = (end_t){&to_us, &to_peer, SIZE_MAX, SIZE_MAX, false};
-    theirs = (end_t){&to_peer, &to_us, SIZE_MAX, SIZE_MAX, false};
+    ours = (end_t){&to_us, &to_peer, SIZE_MAX, SIZE_MAX, false, false};
+    theirs = (end_t){&to_peer, &to_us, SIZE_MAX, SIZE_MAX, false, false};
     time_us = 1000;
 }
 
@@ -181,6 +182,18 @@ static void test_frames_are_written_as_the_protocol_says(void) {
     expect_line("r0018\r", (berth_can_frame_t){.id = 1, .remote = true, .length = 8});
     expect_line("R000000A13\r",
                 (berth_can_frame_t){.id = 0xa1, .remote = true, .extended = true, .length = 3});
+}
+
+/* A frame that breaks the contract is nonsense, but within the line. */
+static void test_a_length_beyond_its_range_overruns_nothing(void) {
+    for (uint32_t length = 9; length < 256; length++) {
+        const berth_can_frame_t frame = {
+            .id = 0x1fffffff, .extended = true, .length = (uint8_t)length};
+        char text[SLCAN_LINE_MAX + 1u];
+        memset(text, '?', sizeof text);
+        TEST_ASSERT_EQUAL_UINT(SLCAN_LINE_MAX - 4u, slcan_encode(&frame, text)); /* no stamp */
+        TEST_ASSERT_EQUAL_CHAR('?', text[SLCAN_LINE_MAX]);
+    }
 }
 
 static void test_every_frame_comes_back(void) {
@@ -352,6 +365,145 @@ static void test_host_loses_the_line_and_finds_it(void) {
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state().mode);
     TEST_ASSERT_EQUAL_UINT32(1, state().restarts);
     TEST_ASSERT_EQUAL_UINT32(5, state().tx_dropped);
+}
+
+/* Whatever part of the first line is out already: a frame whose end has not left never left. */
+static void test_frames_that_wait_when_the_line_breaks_are_counted(void) {
+    const berth_can_frame_t frame = {.id = 0x100, .length = 1};
+    berth_can_frame_t got;
+    for (uint32_t written = 0; written <= 24; written++) { /* three lines of 8 characters */
+        setUp();
+        begin(SLCAN_HOST);
+        expect_none();
+        ours.room = 0;
+        for (int i = 0; i < 3; i++) {
+            TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame));
+        }
+        ours.room = written;
+        expect_none();
+        TEST_ASSERT_EQUAL_UINT(0, ours.room);
+        ours.broken = true;
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, receive(&got));
+        TEST_ASSERT_EQUAL_UINT32(3 - written / 8, state().tx_dropped);
+        TEST_ASSERT_EQUAL_UINT32(3, slcan_counts(&line).sent);
+    }
+}
+
+/* Answers that wait among the frames are none, and no letter in them is taken for a frame's. */
+static void test_answers_that_wait_when_the_line_breaks_are_not_counted(void) {
+    const berth_can_frame_t frame = {.id = 0x100};
+    berth_can_frame_t got;
+    static const uint32_t dropped[] = {2, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 1, 0};
+    for (uint32_t written = 0; written < sizeof dropped / sizeof dropped[0]; written++) {
+        setUp();
+        begin(SLCAN_ADAPTER);
+        peer_says("O\r");
+        expect_none();
+        ours.room = 0;
+        peer_says("q\r"); /* is refused: a BELL */
+        expect_none();
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame));
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame));
+        peer_says("N\r"); /* NB001 waits behind them */
+        expect_none();
+        ours.room = written;
+        expect_none();
+        ours.broken = true;
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, receive(&got));
+        TEST_ASSERT_EQUAL_UINT32(dropped[written], state().tx_dropped);
+    }
+}
+
+/* The line may break for writing alone. */
+static void test_a_line_that_takes_no_bytes_any_more_is_lost(void) {
+    const berth_can_frame_t frame = {.id = 0x100};
+    berth_can_frame_t got;
+    begin(SLCAN_HOST);
+    expect_none();
+    ours.room = 0;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame)); /* waits */
+    ours.mute = true;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, send(&frame));
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DOWN, state().mode);
+    TEST_ASSERT_EQUAL_UINT32(1, state().tx_dropped);
+    TEST_ASSERT_EQUAL_UINT32(1, slcan_counts(&line).sent);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_FAILED, receive(&got)); /* the set-up finds nobody either */
+    ours.mute = false;
+    ours.room = SIZE_MAX;
+    (void)peer_hears();
+    expect_none();
+    TEST_ASSERT_EQUAL_STRING("\rC\rS8\rO\r", peer_hears());
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state().mode);
+    ours.mute = true;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame)); /* taken, and lost at once */
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DOWN, state().mode);
+    TEST_ASSERT_EQUAL_UINT32(2, state().tx_dropped);
+}
+
+/* Lines of 8 characters until nothing more fits. */
+static void fill_to_the_last_byte(void) {
+    const berth_can_frame_t frame = {.id = 0x100, .length = 1};
+    ours.room = 0;
+    for (uint32_t i = 0; i < SLCAN_TRANSMIT_BYTES / 8u; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, send(&frame));
+    }
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, send(&frame));
+}
+
+/* The question for the flags waits for its turn, and that it was not asked is no reset. */
+static void test_host_that_cannot_ask_asks_later(void) {
+    begin(SLCAN_HOST);
+    expect_none();
+    (void)peer_hears();
+    fill_to_the_last_byte();
+    time_us += SLCAN_POLL_US;
+    peer_says("\a");
+    expect_none();
+    ours.room = SIZE_MAX;
+    expect_none();
+    TEST_ASSERT_NULL(strchr(peer_hears(), 'F'));
+    TEST_ASSERT_EQUAL_UINT32(1, slcan_counts(&line).setups);
+    time_us += SLCAN_POLL_US;
+    expect_none();
+    TEST_ASSERT_EQUAL_STRING("F\r", peer_hears());
+}
+
+static void test_answers_without_room_are_counted(void) {
+    begin(SLCAN_ADAPTER);
+    peer_says("O\r");
+    expect_none();
+    fill_to_the_last_byte();
+    peer_says("V\rF\r");
+    expect_none();
+    TEST_ASSERT_EQUAL_UINT32(2, slcan_counts(&line).unsaid);
+    (void)peer_hears();
+    ours.room = SIZE_MAX;
+    expect_none();
+    TEST_ASSERT_EQUAL_UINT(SLCAN_TRANSMIT_BYTES, strlen(peer_hears()));
+}
+
+/* One call parses so much and no more, however much there is. */
+static void test_a_flood_of_empty_lines_does_not_hold_the_caller(void) {
+    berth_can_frame_t got;
+    begin(SLCAN_HOST);
+    for (int i = 0; i < 5000; i++) {
+        peer_says("\r");
+    }
+    peer_says("t1230\r");
+    expect_none();
+    TEST_ASSERT_EQUAL_UINT(SLCAN_RECEIVE_BYTES, to_us.at);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, receive(&got));
+    TEST_ASSERT_EQUAL_HEX32(0x123, got.id);
+}
+
+static void test_counters_do_not_wrap(void) {
+    begin(SLCAN_HOST);
+    line.counts.malformed = UINT32_MAX - 1u;
+    line.state.error_frames = UINT32_MAX;
+    peer_says("?\r?\r");
+    expect_none();
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, slcan_counts(&line).malformed);
+    TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, state().error_frames);
 }
 
 static void test_host_asks_for_status(void) {
@@ -666,7 +818,7 @@ static void fuzz(slcan_role_t role, bool mutated) {
         TEST_ASSERT_TRUE(frames > support_runs(20000) / 4u);
     }
     /* It still works. */
-    ours = (end_t){&to_us, &to_peer, SIZE_MAX, SIZE_MAX, false};
+    ours = (end_t){&to_us, &to_peer, SIZE_MAX, SIZE_MAX, false, false};
     peer_says("\rC\rO\rt1230\r");
     berth_can_frame_t frame = {0};
     bool found = false;
@@ -721,6 +873,7 @@ static void test_a_lying_stream(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_frames_are_written_as_the_protocol_says);
+    RUN_TEST(test_a_length_beyond_its_range_overruns_nothing);
     RUN_TEST(test_every_frame_comes_back);
     RUN_TEST(test_only_exact_frames_are_read);
     RUN_TEST(test_host_sets_the_adapter_up);
@@ -728,6 +881,13 @@ int main(void) {
     RUN_TEST(test_host_survives_bad_lines);
     RUN_TEST(test_host_send_when_the_line_stalls);
     RUN_TEST(test_host_loses_the_line_and_finds_it);
+    RUN_TEST(test_frames_that_wait_when_the_line_breaks_are_counted);
+    RUN_TEST(test_answers_that_wait_when_the_line_breaks_are_not_counted);
+    RUN_TEST(test_a_line_that_takes_no_bytes_any_more_is_lost);
+    RUN_TEST(test_host_that_cannot_ask_asks_later);
+    RUN_TEST(test_answers_without_room_are_counted);
+    RUN_TEST(test_a_flood_of_empty_lines_does_not_hold_the_caller);
+    RUN_TEST(test_counters_do_not_wrap);
     RUN_TEST(test_host_asks_for_status);
     RUN_TEST(test_host_opens_a_reset_adapter_again);
     RUN_TEST(test_host_keeps_an_adapter_that_refuses_frames);

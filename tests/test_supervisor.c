@@ -78,6 +78,18 @@ static void test_each_state_takes_each_command_as_the_table_says(void) {
     }
 }
 
+/* Numbers that are no command at all: from a program with other headers, or a bad byte. */
+static void test_what_is_no_command_is_refused_in_each_state(void) {
+    for (int state = 0; state < 6; state++) {
+        reach((berth_supervisor_state_t)state);
+        const berth_supervisor_t before = supervisor;
+        command((berth_command_code_t)99, 7);
+        TEST_ASSERT_EQUAL_INT(before.state, supervisor.state);
+        TEST_ASSERT_EQUAL_INT64(before.since_us, supervisor.since_us);
+        TEST_ASSERT_EQUAL_UINT32(before.refused + 1, supervisor.refused);
+    }
+}
+
 static void test_reset_waits_until_the_cause_is_gone(void) {
     reach(BERTH_SUPERVISOR_FAULT);
     berth_supervisor_command(&supervisor, BERTH_COMMAND_RESET, false, 1);
@@ -301,6 +313,8 @@ static void test_texts(void) {
     TEST_ASSERT_EQUAL_STRING("?", berth_fault_text(BERTH_FAULT_OBSTACLES + 1));
     TEST_ASSERT_EQUAL_STRING("no speed feedback in time",
                              berth_fault_text((int)BERTH_FAULT_RIGHT + BERTH_DRIVE_FAULT_FEEDBACK));
+    TEST_ASSERT_EQUAL_STRING(berth_drive_fault_text(BERTH_DRIVE_FAULT_DEVICE),
+                             berth_fault_text((int)BERTH_FAULT_LEFT + BERTH_DRIVE_FAULT_DEVICE));
     TEST_ASSERT_EQUAL_STRING("right drive: ", berth_fault_side_text(BERTH_FAULT_RIGHT + 1));
     TEST_ASSERT_EQUAL_STRING("left drive: ", berth_fault_side_text(BERTH_FAULT_LEFT + 1));
     TEST_ASSERT_EQUAL_STRING("", berth_fault_side_text(BERTH_FAULT_PERIOD));
@@ -309,6 +323,7 @@ static void test_texts(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_each_state_takes_each_command_as_the_table_says);
+    RUN_TEST(test_what_is_no_command_is_refused_in_each_state);
     RUN_TEST(test_reset_waits_until_the_cause_is_gone);
     RUN_TEST(test_arming_waits_for_every_check);
     RUN_TEST(test_dead_reckoning_needs_no_fix);

@@ -258,9 +258,7 @@ static void act(berth_board_t *board, int64_t now_us) {
         case BERTH_SUPERVISOR_IDLE:
             become_idle(board, now_us);
             break;
-        case BERTH_SUPERVISOR_ARMED:
-        case BERTH_SUPERVISOR_STOPPING:
-        default:
+        default: /* ARMED, STOPPING: the control step does what is needed */
             break;
         }
     }
@@ -382,10 +380,10 @@ static uint8_t drive_problem(const berth_board_t *board) {
     return BERTH_FAULT_NONE;
 }
 
-/* A faulty drive stops the other one in the same call. */
+/* A faulty drive stops the other one in the same call. In IDLE both are off, and have no fault. */
 static void watch_drives(berth_board_t *board, int64_t now_us) {
     const uint8_t problem = drive_problem(board);
-    if (problem != BERTH_FAULT_NONE && board->supervisor.state != BERTH_SUPERVISOR_IDLE) {
+    if (problem != BERTH_FAULT_NONE) {
         berth_supervisor_fail(&board->supervisor, problem, now_us);
     }
 }

@@ -814,7 +814,7 @@ static void expect(berth_constrained_t *w) {
 
 static berth_twist_t limited_twist(berth_constrained_t *w, const berth_tracker_input_t *input) {
     input_t u = {w->stages[0].u[0], w->stages[0].u[1]};
-    if (!(fabsf(u.u1) <= CHECK_FLOAT_MAX && fabsf(u.u2) <= CHECK_FLOAT_MAX)) {
+    if (!(fabsf(u.u1) + fabsf(u.u2) <= CHECK_FLOAT_MAX)) {
         /* the numbers have left float32: the reference's own speeds, as far as the box allows */
         const box_t box = stage_box(w, &w->stages[0]);
         const float right = clip_to(&box, 0, 0.0f);

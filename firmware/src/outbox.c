@@ -1,5 +1,7 @@
 #include "berth/outbox.h"
 
+#include "count.h"
+
 _Static_assert(BERTH_OUTBOX_MAX >= 8u && BERTH_OUTBOX_MAX <= 255u,
                "one control period of two drives and the telemetry need 8; counts are bytes");
 
@@ -30,9 +32,7 @@ bool berth_outbox_put(berth_outbox_t *outbox, const berth_can_frame_t *frame,
         }
     }
     if (outbox->count >= BERTH_OUTBOX_MAX) {
-        if (outbox->dropped < UINT32_MAX) {
-            outbox->dropped++;
-        }
+        count(&outbox->dropped);
         return false;
     }
     outbox->frames[slot(outbox, outbox->count)] = *frame;

@@ -61,8 +61,7 @@ static bool stop(berth_supervisor_t *supervisor, int64_t now_us) {
     case BERTH_SUPERVISOR_IDLE:
     case BERTH_SUPERVISOR_STOPPING:
         return true; /* done, or being done */
-    case BERTH_SUPERVISOR_FAULT:
-    default:
+    default:         /* FAULT */
         return false;
     }
 }
@@ -95,8 +94,6 @@ static bool obey(berth_supervisor_t *supervisor, berth_command_code_t command, b
         supervisor->fault = BERTH_FAULT_NONE;
         enter(supervisor, BERTH_SUPERVISOR_IDLE, now_us);
         return true;
-    case BERTH_COMMAND_NONE:
-    case BERTH_COMMAND_COUNT:
     default:
         return false;
     }

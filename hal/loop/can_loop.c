@@ -315,8 +315,7 @@ static void failed(can_loop_t *loop) {
             continue;
         }
         /* An error passive node that merely gets no acknowledgement counts no further. */
-        const bool only_alone = !wire->action.corrupt && !wire->acknowledged;
-        if (!only_alone || node->tec < CAN_LOOP_PASSIVE_AT) {
+        if (wire->action.corrupt || node->tec < CAN_LOOP_PASSIVE_AT) {
             node->tec += 8u;
         }
         if (node->tec > COUNTER_MAX) {
@@ -367,9 +366,7 @@ void can_loop_run(can_loop_t *loop, int64_t until_us) {
         case NODE_BACK:
             can_loop_return(&loop->nodes[next.index], next.at_ns);
             break;
-        case FRAME_START:
-        case NOTHING:
-        default:
+        default: /* FRAME_START */
             start_frame(loop, &next);
             break;
         }
