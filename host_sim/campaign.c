@@ -1,9 +1,11 @@
 #include "campaign.h"
 
 #include "berth/angle.h"
+#include "berth/supervisor.h"
 #include "reference_source.h"
 #include "refusal.h"
 #include "rng.h"
+#include "strategy_common.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -27,13 +29,29 @@
 #define TRIES 100000
 #define RUNS_PER_CLAIM 16
 
-/* The clearance condition: what C - R must be at least. Should it fall behind the firmware's own,
- * the firmware refuses the scenes. */
-static double clearance_needed(const scenario_t *scenario) {
-    const double v = scenario->robot.v_max_mps;
-    const double a = scenario->plant.a_max_mps2;
-    return v * (scenario->period_s + scenario->plant.tau_s) + (a > 0.0 ? v * v / (2.0 * a) : 0.0) +
-           3.0 * scenario->plant.pose_noise_m;
+/* Plants that are drawn: from drives that obey at once and an exact pose to what the least of these
+ * allow. */
+#define TAU_MAX_S 0.1
+#define A_MIN_MPS2 2.0
+#define A_MAX_MPS2 5.0
+#define POSE_NOISE_MAX_M 0.005
+#define HEADING_NOISE_MAX_RAD 0.005
+#define SLIP_MAX 0.05
+#define POSE_DELAY_MAX 0.1
+
+static void draw_plant(const campaign_options_t *options, rng_t *rng, scenario_plant_t *plant) {
+    if (options->plant == CAMPAIGN_PLANT_BASE) {
+        return;
+    }
+    plant->tau_s = rng_uniform(rng, 0.0, TAU_MAX_S);
+    plant->a_max_mps2 = rng_uniform(rng, A_MIN_MPS2, A_MAX_MPS2);
+    plant->pose_noise_m = rng_uniform(rng, 0.0, POSE_NOISE_MAX_M);
+    plant->heading_noise_rad = rng_uniform(rng, 0.0, HEADING_NOISE_MAX_RAD);
+    plant->slip = rng_uniform(rng, 0.0, SLIP_MAX);
+    plant->pose_delay_s = rng_uniform(rng, 0.0, POSE_DELAY_MAX);
+    if (options->plant == CAMPAIGN_PLANT_UNTOLD) {
+        plant->untold = rng_uniform(rng, 0.0, 1.0);
+    }
 }
 
 /* One obstacle near the reference, away from both of its ends. */
@@ -41,7 +59,8 @@ static bool draw_obstacle(const scenario_t *scene, rng_t *rng, scenario_obstacle
     const shape_t shape = scene->reference.shape;
     const double last_s = scene->duration_s - scene->period_s;
     obstacle->hard_m = rng_uniform(rng, HARD_MIN_M, HARD_MAX_M);
-    obstacle->conservative_m = obstacle->hard_m + clearance_needed(scene) + CONSERVATIVE_SLACK_M;
+    obstacle->conservative_m =
+        obstacle->hard_m + strategy_clearance_told(scene) + CONSERVATIVE_SLACK_M;
     obstacle->regulated_m =
         obstacle->conservative_m + fmax(REGULATED_WIDTH_M, scene->avoidance.skirt_m);
     for (int i = 0; i < TRIES; i++) {
@@ -120,6 +139,7 @@ bool campaign_scene(const campaign_options_t *options, uint64_t seed, scenario_t
     rng_seed(&rng, seed);
     *scene = rng_u64(&rng) >> 63 ? options->eight : options->circle;
     (void)snprintf(scene->name, sizeof scene->name, "campaign_%llu", (unsigned long long)seed);
+    draw_plant(options, &rng, &scene->plant);
     for (int i = 0; i < TRIES; i++) {
         scene->obstacle_count = counts[(size_t)rng_uniform(&rng, 0.0, 3.0)];
         bool drawn = true;
@@ -145,7 +165,7 @@ bool campaign_scene(const campaign_options_t *options, uint64_t seed, scenario_t
 
 /* What a thread has gathered; whole numbers, so that the order of adding does not matter. */
 typedef struct {
-    long collisions, recovered, blocked, steps, done;
+    long collisions, recovered, blocked, stopped, wrong, steps;
     long mode_steps[RUN_MODES];
     double worst_clearance_m;
     campaign_bad_t *bad;
@@ -183,32 +203,67 @@ static bool add_bad(tally_t *tally, const campaign_bad_t *bad) {
     return true;
 }
 
-static bool run_one(const shared_t *shared, tally_t *tally, uint64_t seed,
+static void describe(const scenario_t *scene, uint64_t seed, campaign_row_t *row) {
+    *row = (campaign_row_t){
+        .seed = seed,
+        .shape = scene->reference.shape,
+        .obstacles = scene->obstacle_count,
+        .overlap = overlaps(scene),
+        .plant = scene->plant,
+        .needed_m = strategy_clearance(scene),
+        .given_m = scene->obstacles[0].conservative_m - scene->obstacles[0].hard_m,
+        .fault_s = (double)NAN,
+        .stopped_s = (double)NAN,
+    };
+}
+
+static bool run_row(const shared_t *shared, uint64_t seed, campaign_row_t *row,
                     scenario_error_t *error) {
+    const campaign_options_t *options = shared->options;
     scenario_t scene;
-    run_summary_t summary;
-    if (!campaign_scene(shared->options, seed, &scene, error)) {
+    if (!campaign_scene(options, seed, &scene, error)) {
         return false;
     }
     const run_plan_t *plan = scene.reference.shape == SHAPE_CIRCLE ? shared->circle : shared->eight;
-    if (!run_scenario(&scene, plan, seed, NULL, &summary, error)) {
+    describe(&scene, seed, row);
+    const bool good = options->run != NULL
+                          ? options->run(options->run_context, &scene, plan, row, error)
+                          : run_scenario(&scene, plan, seed, NULL, &row->summary, error);
+    row->collided = row->collided || row->summary.collisions > 0;
+    row->recovered = row->summary.final_position_error_m < RUN_RECOVERED_M &&
+                     row->summary.steps > 0 && row->reason == BERTH_FAULT_NONE;
+    row->blocked = row->summary.mode_time_s[BERTH_MODE_BLOCKED] > 0.0;
+    return good;
+}
+
+static bool run_one(const shared_t *shared, tally_t *tally, long number, scenario_error_t *error) {
+    campaign_row_t here;
+    campaign_row_t *row = shared->options->rows != NULL ? &shared->options->rows[number] : &here;
+    const uint64_t seed = shared->options->seed + (uint64_t)number;
+    if (!run_row(shared, seed, row, error)) {
         return false;
     }
+    const run_summary_t *summary = &row->summary;
+    const bool stopped = row->reason != BERTH_FAULT_NONE;
     const campaign_bad_t bad = {
         .seed = seed,
-        .collided = summary.collisions > 0,
-        .unrecovered = !(summary.final_position_error_m < RUN_RECOVERED_M),
-        .blocked = summary.mode_time_s[BERTH_MODE_BLOCKED] > 0.0,
+        .collided = row->collided,
+        .unrecovered = !row->recovered && !stopped,
+        .blocked = row->blocked,
+        .wrong = row->wrong,
     };
     tally->collisions += bad.collided;
-    tally->recovered += !bad.unrecovered;
+    tally->recovered += row->recovered;
     tally->blocked += bad.blocked;
-    tally->steps += summary.steps;
-    tally->worst_clearance_m = fmin(tally->worst_clearance_m, summary.min_clearance_m);
+    tally->stopped += stopped;
+    tally->wrong += bad.wrong != NULL;
+    tally->steps += summary->steps;
+    tally->worst_clearance_m = fmin(tally->worst_clearance_m, summary->min_clearance_m);
     for (int mode = 0; mode < RUN_MODES; mode++) {
-        tally->mode_steps[mode] += lround(summary.mode_time_s[mode] / scene.period_s);
+        tally->mode_steps[mode] +=
+            lround(summary->mode_time_s[mode] / shared->options->circle.period_s);
     }
-    if ((bad.collided || bad.unrecovered) && !add_bad(tally, &bad)) {
+    if ((bad.collided || bad.unrecovered || bad.wrong != NULL) && !add_bad(tally, &bad)) {
         (void)snprintf(error->text, sizeof error->text, "out of memory");
         return false;
     }
@@ -228,7 +283,7 @@ static void *work(void *context) {
             break;
         }
         for (long i = first; good && i < end; i++) {
-            good = run_one(shared, &worker->tally, shared->options->seed + (uint64_t)i, &error);
+            good = run_one(shared, &worker->tally, i, &error);
             atomic_fetch_add(&shared->done, 1);
         }
     }
@@ -252,6 +307,8 @@ static void merge(campaign_result_t *result, tally_t *total, tally_t *tally) {
     result->collisions += tally->collisions;
     result->recovered += tally->recovered;
     result->blocked += tally->blocked;
+    result->stopped += tally->stopped;
+    result->wrong += tally->wrong;
     result->steps += tally->steps;
     result->worst_clearance_m = fmin(result->worst_clearance_m, tally->worst_clearance_m);
     for (int mode = 0; mode < RUN_MODES; mode++) {

@@ -10,17 +10,60 @@
 
 typedef enum { OVERLAP_ANY, OVERLAP_DEMAND, OVERLAP_FORBID } campaign_overlap_t;
 
+/* Whose plant a scene has: that of the scenarios that it is made from; one drawn for each run, with
+ * the ranges in campaign.c; or such a one of which the firmware is told a part only, drawn too,
+ * from all to nothing: its clearance condition is then met for a better robot than the one there
+ * is. */
+typedef enum { CAMPAIGN_PLANT_BASE, CAMPAIGN_PLANT_DRAWN, CAMPAIGN_PLANT_UNTOLD } campaign_plant_t;
+
+/* What a run came to. */
+typedef struct {
+    uint64_t seed;
+    shape_t shape;
+    size_t obstacles;
+    bool overlap; /* of conservative circles */
+    scenario_plant_t plant;
+    double needed_m; /* C - R that the clearance condition demands with the plant as it is */
+    double given_m;  /* C - R that there is */
+    run_summary_t summary;
+    bool collided;
+    bool recovered; /* ended within RUN_RECOVERED_M of the reference, and nothing stopped it */
+    bool blocked;   /* was ever without a free heading */
+
+    /* On the bus. Texts are static; NULL without a bus. */
+    const char *drive;
+    const char *fault;    /* what went wrong there; "none" */
+    double fault_s;       /* since the session's begin */
+    double fault_lasts_s; /* 0: for ever */
+    const char *end;      /* of the session */
+    uint8_t reason;       /* berth_fault_t of the stop; BERTH_FAULT_NONE: it carried on */
+    double stopped_s;     /* when, since the session's begin; NAN: it carried on */
+    const char *wrong;    /* what was not as it must be; NULL: nothing */
+} campaign_row_t;
+
+/* Runs one scene otherwise than plainly: fills in the row's summary, collided and what is of the
+ * bus. Called from many threads. False with *error filled when the scene is refused. */
+typedef bool (*campaign_run_fn)(const void *context, const scenario_t *scene,
+                                const run_plan_t *plan, campaign_row_t *row,
+                                scenario_error_t *error);
+
 typedef struct {
     long runs;
     uint64_t seed;
     int jobs;
     campaign_overlap_t overlap; /* of conservative circles */
-    scenario_t circle, eight;   /* what the scenes are made from: robot, weights, plant, strategy */
+    campaign_plant_t plant;
+    scenario_t circle, eight; /* what the scenes are made from: robot, weights, plant, strategy */
+    campaign_run_fn run;      /* NULL: the plain run */
+    const void *run_context;
+    campaign_row_t *rows; /* gets a row for each run, in the order of seeds; NULL: not wanted */
 } campaign_options_t;
 
+/* A run that collided, was not as it must be, or did not recover though nothing stopped it. */
 typedef struct {
     uint64_t seed;
     bool collided, unrecovered, blocked;
+    const char *wrong;
 } campaign_bad_t;
 
 typedef struct {
@@ -29,10 +72,12 @@ typedef struct {
     double worst_clearance_m;
     long recovered; /* runs that ended within RUN_RECOVERED_M of the reference */
     long blocked;   /* runs that were ever without a free heading */
+    long stopped;   /* on the bus: runs that a fault ended */
+    long wrong;     /* on the bus: runs that were not as they must be */
     long steps;
     double wall_s;
     double mode_time_s[RUN_MODES];
-    campaign_bad_t *bad; /* runs that collided or did not recover, by seed; on the heap */
+    campaign_bad_t *bad; /* by seed; on the heap */
     size_t bad_count;
 } campaign_result_t;
 

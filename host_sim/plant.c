@@ -200,7 +200,36 @@ static void watch_arc(watch_t *watch, const frame_t *start, const frame_t *end, 
     }
 }
 
-static void move(plant_t *plant, const arc_t *arc, watch_t *watch) {
+/* What comes of the rims' motion on the ground. */
+static arc_t on_ground(const plant_t *plant, const arc_t *rims) {
+    if (plant->model.slip <= 0.0) {
+        return *rims;
+    }
+    const double track_m = plant->track_m * plant->model.track_scale;
+    const double turn_mps = 0.5 * track_m * rims->omega;
+    const double left = (1.0 + plant->slips[0]) * (rims->v - turn_mps);
+    const double right = (1.0 + plant->slips[1]) * (rims->v + turn_mps);
+    return (arc_t){0.5 * (right + left), (right - left) / track_m, rims->t};
+}
+
+/* The slip of the next step. */
+static void draw_slip(plant_t *plant, double period_s) {
+    const double slip = plant->model.slip;
+    if (slip <= 0.0) {
+        return;
+    }
+    /* a microsecond: sums of periods round */
+    if (plant->slip_left_s < 1.0e-6) {
+        plant->slips[0] = rng_uniform(&plant->rng, -slip, slip);
+        plant->slips[1] = rng_uniform(&plant->rng, -slip, slip);
+        plant->slip_left_s = PLANT_SLIP_HOLD_S;
+    }
+    plant->slip_left_s -= period_s;
+}
+
+static void move(plant_t *plant, const arc_t *rims, watch_t *watch) {
+    const arc_t ground = on_ground(plant, rims);
+    const arc_t *arc = &ground;
     const frame_t start = {plant->x_m, plant->y_m, plant->cosine, plant->sine};
     const frame_t end = advance(&start, arc);
     watch_arc(watch, &start, &end, arc);
@@ -208,8 +237,8 @@ static void move(plant_t *plant, const arc_t *arc, watch_t *watch) {
     plant->y_m = end.y;
     const double turn = arc->omega * arc->t;
     plant->theta_rad = plant_wrap(plant->theta_rad + turn);
-    plant->path_m += arc->v * arc->t;
-    plant->turned_rad += turn;
+    plant->path_m += rims->v * rims->t;
+    plant->turned_rad += rims->omega * rims->t;
     if (++plant->rotations >= ROTATIONS_MAX) {
         plant->rotations = 0;
         plant_sincos(plant->theta_rad, &plant->sine, &plant->cosine);
@@ -238,9 +267,13 @@ void plant_init(plant_t *plant, const scenario_t *scenario, uint64_t seed) {
 }
 
 berth_pose_t plant_measure(plant_t *plant) {
-    double x = plant->x_m;
-    double y = plant->y_m;
-    double theta = plant->theta_rad;
+    return plant_measure_at(plant, plant->x_m, plant->y_m, plant->theta_rad);
+}
+
+berth_pose_t plant_measure_at(plant_t *plant, double x_m, double y_m, double theta_rad) {
+    double x = x_m;
+    double y = y_m;
+    double theta = theta_rad;
     if (plant->model.pose_noise_m > 0.0 || plant->model.heading_noise_rad > 0.0) {
         x += plant->model.pose_noise_m * rng_normal(&plant->rng);
         y += plant->model.pose_noise_m * rng_normal(&plant->rng);
@@ -255,6 +288,14 @@ void plant_wheels(const plant_t *plant, double wheel_radius_m, double *left_rad,
     const double turn_m = 0.5 * plant->track_m * plant->model.track_scale * plant->turned_rad;
     *left_rad = (plant->path_m - turn_m) / radius_m;
     *right_rad = (plant->path_m + turn_m) / radius_m;
+}
+
+void plant_wheel_speeds(const plant_t *plant, double wheel_radius_m, double *left_radps,
+                        double *right_radps) {
+    const double radius_m = wheel_radius_m * plant->model.radius_scale;
+    const double turn_mps = 0.5 * plant->track_m * plant->model.track_scale * plant->rim_radps;
+    *left_radps = (plant->rim_mps - turn_mps) / radius_m;
+    *right_radps = (plant->rim_mps + turn_mps) / radius_m;
 }
 
 static double clamp_abs(double value, double limit) {
@@ -304,21 +345,26 @@ static void step_with_dynamics(plant_t *plant, double v_cmd_mps, double omega_cm
     for (int i = 0; i < PLANT_SUBSTEPS; ++i) {
         substep(plant, left_cmd, right_cmd, dt, watch);
     }
-    plant->v_mps = 0.5 * (plant->right_mps + plant->left_mps);
-    plant->omega_radps =
+    plant->rim_mps = 0.5 * (plant->right_mps + plant->left_mps);
+    plant->rim_radps =
         (plant->right_mps - plant->left_mps) / (plant->track_m * plant->model.track_scale);
 }
 
 double plant_step(plant_t *plant, double v_cmd_mps, double omega_cmd_radps, double period_s,
                   const plant_disc_t *discs, size_t disc_count) {
     watch_t watch = {discs, disc_count, HUGE_VAL};
+    draw_slip(plant, period_s);
     if (plant->ideal) {
-        plant->v_mps = plant->v_scale * v_cmd_mps;
-        plant->omega_radps = plant->omega_scale * omega_cmd_radps;
-        const arc_t arc = {plant->v_mps, plant->omega_radps, period_s};
-        move(plant, &arc, &watch);
+        plant->rim_mps = plant->v_scale * v_cmd_mps;
+        plant->rim_radps = plant->omega_scale * omega_cmd_radps;
+        const arc_t rims = {plant->rim_mps, plant->rim_radps, period_s};
+        move(plant, &rims, &watch);
     } else {
         step_with_dynamics(plant, v_cmd_mps, omega_cmd_radps, period_s, &watch);
     }
+    const arc_t rims = {plant->rim_mps, plant->rim_radps, 0.0};
+    const arc_t ground = on_ground(plant, &rims);
+    plant->v_mps = ground.v;
+    plant->omega_radps = ground.omega;
     return watch.least_m;
 }

@@ -13,9 +13,12 @@
  *
  * and the dynamics act on the true rim speeds radius_scale (v -+ omega b / 2).
  *
+ * Slip. The way of each wheel over the ground is 1 + s times that of its rim, s anywhere from -slip
+ * to slip, drawn for each wheel anew every PLANT_SLIP_HOLD_S. The encoders see the rims.
+ *
  * Only + - * / and sqrt are used, no libm function that rounds differently elsewhere: the same
  * commands give the same motion on every platform. Commands with y, theta and omega mirrored give
- * the mirrored motion bit for bit (but for a heading of exactly -pi, which stays -pi).
+ * the mirrored motion bit for bit (but for a heading of exactly -pi, which stays -pi, and slip).
  *
  * A plant_t is one robot: no state is shared between two of them.
  */
@@ -27,15 +30,19 @@
 #include "scenario.h"
 
 #define PLANT_SUBSTEPS 10
+#define PLANT_SLIP_HOLD_S 0.1
 
 typedef struct {
-    double x_m, y_m, theta_rad; /* true pose; theta in [-pi, pi); read only: plant_set_pose */
-    double v_mps, omega_radps;  /* true velocity at the end of the last step */
-    double cosine, sine;        /* of the heading */
-    double left_mps, right_mps; /* true rim speeds, for the dynamics */
-    double path_m, turned_rad;  /* true forward travel, and yaw without wrapping, since the start */
-    double decay, decay_dt_s;   /* exp(-dt / tau) and the dt that it is for */
-    double track_m;             /* nominal */
+    double x_m, y_m, theta_rad;  /* true pose; theta in [-pi, pi); read only: plant_set_pose */
+    double v_mps, omega_radps;   /* true velocity at the end of the last step */
+    double rim_mps, rim_radps;   /* the same without slip: what the wheels turn with */
+    double cosine, sine;         /* of the heading */
+    double left_mps, right_mps;  /* true rim speeds, for the dynamics */
+    double path_m, turned_rad;   /* forward travel and yaw of the rims since the start */
+    double slips[2];             /* left, right: s, until it is drawn anew */
+    double slip_left_s;          /* time until then */
+    double decay, decay_dt_s;    /* exp(-dt / tau) and the dt that it is for */
+    double track_m;              /* nominal */
     double v_scale, omega_scale; /* true per commanded velocity */
     scenario_plant_t model;
     bool ideal;         /* no lag and no limits */
@@ -57,9 +64,15 @@ void plant_set_pose(plant_t *plant, double x_m, double y_m, double theta_rad);
 /* The pose as the robot measures it: the true one plus noise, in float32. */
 berth_pose_t plant_measure(plant_t *plant);
 
+/* The same of a pose that it once had. */
+berth_pose_t plant_measure_at(plant_t *plant, double x_m, double y_m, double theta_rad);
+
 /* How far the two wheels have turned since the start, rad, positive forward: the rims' travel over
- * the true wheel radius. Exact, as the arcs are. wheel_radius_m: the nominal one. */
+ * the true wheel radius. Exact, as the arcs are. wheel_radius_m: the nominal one. And how fast they
+ * turn, rad/s. */
 void plant_wheels(const plant_t *plant, double wheel_radius_m, double *left_rad, double *right_rad);
+void plant_wheel_speeds(const plant_t *plant, double wheel_radius_m, double *left_radps,
+                        double *right_radps);
 
 /* Executes the command for period_s > 0. Returns the least clearance of the period over all discs
  * and all instants (exact along each arc): min (distance - radius); INFINITY without discs. */

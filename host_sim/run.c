@@ -2,6 +2,7 @@
 
 #include "berth/riccati.h"
 #include "plant.h"
+#include "pose_delay.h"
 #include "reference_source.h"
 #include "run_meter.h"
 
@@ -71,13 +72,14 @@ void run_plan_free(run_plan_t *plan) {
 typedef struct {
     run_meter_t meter;
     plant_t plant;
+    pose_delay_t delay;
 } run_t;
 
 static void run_step(run_t *run, const strategy_t *strategy, void *self, long number,
                      run_row_t *row) {
     strategy_output_t output = {0.0, 0.0, BERTH_MODE_TRACK};
     run_meter_row(&run->meter, &run->plant, number, row);
-    const berth_pose_t pose = plant_measure(&run->plant);
+    const berth_pose_t pose = pose_delay_measure(&run->delay, &run->plant);
     strategy->step(self, number, &pose, &output);
     run_meter_move(&run->meter, &run->plant, output.v_mps, output.omega_radps,
                    run->meter.scenario->period_s);
@@ -108,6 +110,7 @@ bool run_scenario(const scenario_t *scenario, const run_plan_t *plan, uint64_t s
     run_t run;
     run_meter_begin(&run.meter, scenario, &plan->plan, summary);
     plant_init(&run.plant, scenario, seed);
+    pose_delay_init(&run.delay, scenario);
     for (long number = 0; number < steps; number++) {
         run_row_t row;
         run_step(&run, strategy, self, number, sink != NULL ? &row : NULL);

@@ -27,6 +27,13 @@ typedef struct {
     double alpha_max_radps2; /* yaw acceleration; 0: unlimited */
     double pose_noise_m;     /* standard deviation of measured x and y */
     double heading_noise_rad;
+    double slip;         /* each wheel's way over the ground is up to this part of the rim's more or
+                            less: see plant.h */
+    double pose_delay_s; /* the measured pose is so old */
+    double watchdog_s;   /* time after which a drive without commands stops by itself, which the
+                            firmware counts as delay; 0: it need not */
+    double untold;       /* part of the delays, the braking distance and the noise that the firmware
+                            is not told of: see strategy_told. 0: it knows the plant as it is */
     double radius_scale; /* true wheel radius / nominal; not in scenario files, 1 there */
     double track_scale;  /* true track width / nominal; not in scenario files, 1 there */
 } scenario_plant_t;

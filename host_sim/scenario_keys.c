@@ -4,6 +4,7 @@
 #include "berth/obstacles.h"
 #include "berth/reference.h"
 #include "number.h"
+#include "pose_delay.h"
 #include "refusal.h"
 #include "strategy.h"
 
@@ -14,6 +15,7 @@
 #define RADIUS_MAX ((double)BERTH_RADIUS_MAX_M)
 #define TURN 6.283185307179586
 #define HALF_TURN 3.141592653589793
+#define SLIP_MAX 0.5
 
 #define AT(member) offsetof(scenario_t, member)
 #define IN(member) offsetof(scenario_obstacle_t, member)
@@ -85,6 +87,11 @@ const scenario_key_t scenario_keys[SCENARIO_KEY_COUNT] = {
     {SECTION_PLANT, "pose_noise_m", KIND_NUMBER, 1, AT(plant.pose_noise_m), 0, 1, NEED_NEVER, "0"},
     {SECTION_PLANT, "heading_noise_rad", KIND_NUMBER, 1, AT(plant.heading_noise_rad), 0, HALF_TURN,
      NEED_NEVER, "0"},
+    {SECTION_PLANT, "slip", KIND_NUMBER, 1, AT(plant.slip), 0, SLIP_MAX, NEED_NEVER, "0"},
+    {SECTION_PLANT, "pose_delay_s", KIND_NUMBER, 1, AT(plant.pose_delay_s), 0, POSE_DELAY_MAX_S,
+     NEED_NEVER, "0"},
+    {SECTION_PLANT, "watchdog_s", KIND_NUMBER, 1, AT(plant.watchdog_s), 0, 10, NEED_NEVER, "0"},
+    {SECTION_PLANT, "untold", KIND_NUMBER, 1, AT(plant.untold), 0, 1, NEED_NEVER, "0"},
 };
 
 size_t scenario_key_find(key_section_t section, const char *name) {

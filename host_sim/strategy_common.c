@@ -3,7 +3,38 @@
 #include <math.h>
 #include <stdio.h>
 
+/* The firmware takes no more; a drive of which it is told so little brakes at once. */
+#define A_BRAKE_MAX_MPS2 1000.0
+
+strategy_told_t strategy_told(const scenario_t *scenario) {
+    const scenario_plant_t *plant = &scenario->plant;
+    const double delay_s = plant->tau_s + plant->pose_delay_s + plant->watchdog_s;
+    const double told = 1.0 - plant->untold;
+    const double slowness = (1.0 + plant->slip) * told;
+    const double a_brake_mps2 = slowness > 0.0 ? plant->a_max_mps2 / slowness : 0.0;
+    return (strategy_told_t){
+        .tau_s = told * (delay_s + plant->slip * (scenario->period_s + delay_s)),
+        .a_brake_mps2 = a_brake_mps2 > A_BRAKE_MAX_MPS2 && told < 1.0 ? 0.0 : a_brake_mps2,
+        .sigma_pose_m = told * plant->pose_noise_m,
+    };
+}
+
+double strategy_clearance_told(const scenario_t *scenario) {
+    const strategy_told_t told = strategy_told(scenario);
+    const double v = scenario->robot.v_max_mps;
+    const double a = told.a_brake_mps2;
+    return v * (scenario->period_s + told.tau_s) + (a > 0.0 ? v * v / (2.0 * a) : 0.0) +
+           3.0 * told.sigma_pose_m;
+}
+
+double strategy_clearance(const scenario_t *scenario) {
+    scenario_t known = *scenario;
+    known.plant.untold = 0.0;
+    return strategy_clearance_told(&known);
+}
+
 berth_config_t strategy_config(const scenario_t *scenario) {
+    const strategy_told_t told = strategy_told(scenario);
     berth_config_t config = {0};
     config.limits = (berth_limits_config_t){
         .wheel_radius_m = (float)scenario->robot.wheel_radius_m,
@@ -17,9 +48,9 @@ berth_config_t strategy_config(const scenario_t *scenario) {
     config.avoid = (berth_avoid_config_t){
         .skirt_m = (float)scenario->avoidance.skirt_m,
         .v_creep_mps = (float)scenario->avoidance.v_creep_mps,
-        .tau_s = (float)scenario->plant.tau_s,
-        .a_brake_mps2 = (float)scenario->plant.a_max_mps2,
-        .sigma_pose_m = (float)scenario->plant.pose_noise_m,
+        .tau_s = (float)told.tau_s,
+        .a_brake_mps2 = (float)told.a_brake_mps2,
+        .sigma_pose_m = (float)told.sigma_pose_m,
     };
     return config;
 }

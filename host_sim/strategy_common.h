@@ -6,6 +6,24 @@
 #include "scenario.h"
 #include "strategy.h"
 
+/* What avoidance is told of the plant. The pose's delay counts as delay of the drives, and so does
+ * their watchdog, where it is to count: the robot moves on by v_max times each. A wheel that slips
+ * by s makes the robot faster by 1 + s than it is told to be, while it drives and while it brakes,
+ * so the condition's (1 + s) (v_max (T + tau) + v_max^2 / (2 a)) is told as tau + s (T + tau) and a
+ * / (1 + s). Of all this and the noise the part 1 - untold is told, so that the condition demands
+ *
+ *     v_max T + (1 - untold) (strategy_clearance(scenario) - v_max T). */
+typedef struct {
+    double tau_s;
+    double a_brake_mps2; /* 0: unlimited */
+    double sigma_pose_m;
+} strategy_told_t;
+strategy_told_t strategy_told(const scenario_t *scenario);
+
+/* What the clearance condition demands of C - R with the plant as it is, and as it is told. */
+double strategy_clearance(const scenario_t *scenario);
+double strategy_clearance_told(const scenario_t *scenario);
+
 /* The firmware's configuration for a scenario. Delay, braking and pose noise of the simulated robot
  * are what avoidance is told; the firmware's own acceleration limits stay off, because the
  * simulated drives have theirs. */

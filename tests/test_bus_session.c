@@ -408,6 +408,42 @@ static void test_regions_for_the_buss_obstacles(void) {
     TEST_ASSERT_EQUAL_FLOAT((float)scenario.avoidance.skirt_m, board.regions.regulated_m);
 }
 
+/* A late pose is a late fix, slip is for the localisation to find out, and the board is told both.
+ */
+static void test_late_poses_and_slip(void) {
+    berth_board_config_t board;
+    experiment("circle");
+    scenario.obstacle_count = 0;
+    setup.fix_latency_us = 120000;
+    run();
+    const bus_robot_result_t late = result.robot;
+    experiment("circle");
+    scenario.obstacle_count = 0;
+    setup.fix_latency_us = 0;
+    run();
+    const bus_robot_result_t prompt = result.robot;
+    setup.fix_latency_us = 20000;
+    scenario.plant.pose_delay_s = 0.1;
+    run();
+    TEST_ASSERT_EQUAL_DOUBLE(late.summary.control_effort, result.robot.summary.control_effort);
+    TEST_ASSERT_TRUE(late.pose_error_m > 0.03 && prompt.pose_error_m < 0.01);
+    setup.fix_latency_us = 0;
+    scenario.plant.pose_delay_s = 0.0;
+    scenario.plant.slip = 0.2;
+    run();
+    check_good("slip");
+    TEST_ASSERT_TRUE(result.robot.pose_error_m > 2.0 * prompt.pose_error_m);
+
+    scenario.plant.pose_delay_s = 0.1;
+    scenario.plant.watchdog_s = 0.25;
+    TEST_ASSERT_TRUE(bus_setup_board_config(&setup, &scenario, 50000, &board, &error));
+    TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 1.2f * 0.8f * (0.05f + 0.1f + 0.25f) + 0.01f,
+                             board.regions.conservative_m);
+    TEST_ASSERT_TRUE(bus_setup_fix_latency_us(&setup, &scenario) == 100000);
+    setup.fix_period_us = 0;
+    TEST_ASSERT_TRUE(bus_setup_fix_latency_us(&setup, &scenario) == 0);
+}
+
 /* --- refusals ---------------------------------------------------------------------------- */
 
 static void check_refused(const char *fragment) {
@@ -685,6 +721,7 @@ int main(void) {
     RUN_TEST(test_a_board_that_ignores_obstacles_is_not_told_of_any);
     RUN_TEST(test_the_setup_is_what_the_board_gets);
     RUN_TEST(test_regions_for_the_buss_obstacles);
+    RUN_TEST(test_late_poses_and_slip);
     RUN_TEST(test_what_the_board_refuses_is_refused);
     RUN_TEST(test_a_dead_drive_stops_both);
     RUN_TEST(test_a_drive_that_fails_stops_both);

@@ -1,5 +1,6 @@
 /* The simulated robot: arcs, clearances, drives and noise against independent mathematics. */
 #include "plant.h"
+#include "pose_delay.h"
 
 #include "unity.h"
 
@@ -529,6 +530,167 @@ static void test_noise_is_seeded_and_absent_when_off(void) {
     TEST_ASSERT_TRUE(pose.x_m == 0.1f && pose.y_m == 0.0f && pose.theta_rad == -3.0f);
 }
 
+/* Ground and rims of one wheel, from the body's velocities. */
+static double wheel_mps(double v_mps, double omega_radps, double half_track_m) {
+    return v_mps + half_track_m * omega_radps;
+}
+
+/* Each wheel's way over the ground is its rim's, more or less by up to the slip, to either end of
+ * it, and even on average; it stays for its time, and the encoders see the rims alone. */
+static void test_slip_is_between_rims_and_ground(void) {
+    const double slip = 0.05;
+    scenario_t scenario = ideal_scenario();
+    scenario.plant.slip = slip;
+    plant_t plant = plant_of(&scenario, SEED);
+    double least[2] = {1.0, 1.0};
+    double most[2] = {-1.0, -1.0};
+    double sums[2] = {0.0, 0.0};
+    const int count = runs(20000);
+    const int hold = (int)lround(PLANT_SLIP_HOLD_S / PERIOD_S);
+    double held[2] = {0.0, 0.0};
+    for (int i = 0; i < count; i++) {
+        (void)plant_step(&plant, 0.5, 0.4, PERIOD_S, NULL, 0);
+        for (int side = 0; side < 2; side++) {
+            const double half_m = side == 0 ? -0.15 : 0.15;
+            const double rim = wheel_mps(0.5, 0.4, half_m);
+            const double s = wheel_mps(plant.v_mps, plant.omega_radps, half_m) / rim - 1.0;
+            if (i % hold != 0) {
+                TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, held[side], s);
+            }
+            held[side] = s;
+            least[side] = fmin(least[side], s);
+            most[side] = fmax(most[side], s);
+            sums[side] += s;
+        }
+    }
+    const double deviation = slip / sqrt(3.0) / sqrt((double)count / hold);
+    for (int side = 0; side < 2; side++) {
+        TEST_ASSERT_TRUE(least[side] >= -slip && least[side] < -0.99 * slip);
+        TEST_ASSERT_TRUE(most[side] <= slip && most[side] > 0.99 * slip);
+        TEST_ASSERT_DOUBLE_WITHIN(5.0 * deviation, 0.0, sums[side] / count);
+    }
+    double left = 0.0;
+    double right = 0.0;
+    plant_wheels(&plant, 0.05, &left, &right);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, (0.5 - 0.15 * 0.4) * PERIOD_S * count / 0.05, left);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, (0.5 + 0.15 * 0.4) * PERIOD_S * count / 0.05, right);
+    plant_wheel_speeds(&plant, 0.05, &left, &right);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, (0.5 - 0.15 * 0.4) / 0.05, left);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, (0.5 + 0.15 * 0.4) / 0.05, right);
+}
+
+/* The motion is the arc of the ground's velocities, with dynamics as without. */
+static void test_slip_moves_along_the_grounds_arc(void) {
+    scenario_t scenario = ideal_scenario();
+    scenario.plant.slip = 0.3;
+    plant_t plant = plant_of(&scenario, SEED + 1);
+    rng_t rng;
+    rng_seed(&rng, SEED + 2);
+    for (int i = 0; i < 100; i++) {
+        double pose[3] = {plant.x_m, plant.y_m, plant.theta_rad};
+        (void)plant_step(&plant, rng_uniform(&rng, -1.0, 1.0), rng_uniform(&rng, -3.0, 3.0),
+                         PERIOD_S, NULL, 0);
+        integrate(pose, plant.v_mps, plant.omega_radps, PERIOD_S);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, pose[0], plant.x_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, pose[1], plant.y_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-11, 0.0, remainder(pose[2] - plant.theta_rad, 2.0 * PI));
+    }
+    scenario.plant.tau_s = 0.02;
+    plant = plant_of(&scenario, SEED + 1);
+    for (int i = 0; i < 100; i++) { /* the lag has died out, the slip has not */
+        (void)plant_step(&plant, 0.5, 0.0, PERIOD_S, NULL, 0);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, 0.5, plant.rim_mps);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, 0.5 * (1.0 + 0.5 * (plant.slips[0] + plant.slips[1])),
+                              plant.v_mps);
+    TEST_ASSERT_TRUE(plant.v_mps != plant.rim_mps);
+}
+
+static void test_without_slip_nothing_is_drawn(void) {
+    const scenario_t scenario = ideal_scenario();
+    plant_t plant = plant_of(&scenario, SEED);
+    const rng_t before = plant.rng;
+    (void)plant_step(&plant, 0.5, 1.0, PERIOD_S, NULL, 0);
+    TEST_ASSERT_EQUAL_MEMORY(before.state, plant.rng.state, sizeof before.state);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, plant.v_mps);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, plant.omega_radps);
+}
+
+/* --- a pose that is late ------------------------------------------------------------------- */
+
+static void test_late_pose_of_a_straight_way(void) {
+    static const double delays_s[] = {0.0, 0.01, 0.05, 0.12, 0.15, 0.5};
+    for (size_t d = 0; d < sizeof delays_s / sizeof delays_s[0]; d++) {
+        scenario_t scenario = ideal_scenario();
+        scenario.start.x_m = 1.0;
+        scenario.plant.pose_delay_s = delays_s[d];
+        plant_t plant = plant_of(&scenario, 0);
+        pose_delay_t delay;
+        pose_delay_init(&delay, &scenario);
+        for (int i = 0; i < 1200; i++) {
+            const double past_s = fmax(0.0, i * PERIOD_S - delays_s[d]);
+            const berth_pose_t pose = pose_delay_measure(&delay, &plant);
+            TEST_ASSERT_DOUBLE_WITHIN(1.0e-5, 1.0 + 0.5 * past_s, (double)pose.x_m);
+            TEST_ASSERT_TRUE(pose.y_m == 0.0f && pose.theta_rad == 0.0f);
+            (void)plant_step(&plant, 0.5, 0.0, PERIOD_S, NULL, 0);
+        }
+    }
+}
+
+/* Whole periods: the very pose of then. Parts of one: between two headings the short way round. */
+static void test_late_pose_of_a_turn(void) {
+    scenario_t scenario = ideal_scenario();
+    scenario.plant.pose_delay_s = 3.0 * PERIOD_S;
+    plant_t plant = plant_of(&scenario, 0);
+    pose_delay_t whole;
+    pose_delay_init(&whole, &scenario);
+    scenario.plant.pose_delay_s = 0.5 * PERIOD_S;
+    pose_delay_t half;
+    pose_delay_init(&half, &scenario);
+    berth_pose_t past[200];
+    for (int i = 0; i < 200; i++) {
+        past[i] = plant_measure(&plant);
+        const berth_pose_t pose = pose_delay_measure(&whole, &plant);
+        TEST_ASSERT_EQUAL_MEMORY(&past[i > 3 ? i - 3 : 0], &pose, sizeof pose);
+        const berth_pose_t between = pose_delay_measure(&half, &plant);
+        const double turned = i > 0 ? (i - 0.5) * 2.5 * PERIOD_S : 0.0;
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-5, 0.0,
+                                  remainder((double)between.theta_rad - turned, 2.0 * PI));
+        TEST_ASSERT_TRUE(fabs((double)between.theta_rad) <= PI + 1.0e-6);
+        (void)plant_step(&plant, 0.4, 2.5, PERIOD_S, NULL, 0);
+    }
+}
+
+/* The longest delay at the shortest period has room. */
+static void test_late_pose_has_room(void) {
+    scenario_t scenario = ideal_scenario();
+    scenario.period_s = 0.001;
+    scenario.plant.pose_delay_s = POSE_DELAY_MAX_S - 1.0e-4;
+    plant_t plant = plant_of(&scenario, 0);
+    pose_delay_t delay;
+    pose_delay_init(&delay, &scenario);
+    for (int i = 0; i < 3000; i++) {
+        const double past_s = fmax(0.0, i * 0.001 - scenario.plant.pose_delay_s);
+        const berth_pose_t pose = pose_delay_measure(&delay, &plant);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, past_s, (double)pose.x_m);
+        (void)plant_step(&plant, 1.0, 0.0, 0.001, NULL, 0);
+    }
+}
+
+static void test_late_pose_has_noise(void) {
+    scenario_t scenario = ideal_scenario();
+    scenario.plant.pose_delay_s = 0.1;
+    scenario.plant.pose_noise_m = 0.01;
+    plant_t plant = plant_of(&scenario, 3);
+    plant_t same = plant_of(&scenario, 3);
+    pose_delay_t delay;
+    pose_delay_init(&delay, &scenario);
+    const berth_pose_t late = pose_delay_measure(&delay, &plant);
+    const berth_pose_t now = plant_measure(&same); /* of a robot that has not moved */
+    TEST_ASSERT_EQUAL_MEMORY(&now, &late, sizeof now);
+    TEST_ASSERT_TRUE(late.x_m != 0.0f);
+}
+
 static double units_off(double expected, double actual) {
     const double magnitude = fabs(expected);
     return fabs(actual - expected) / (nextafter(magnitude, HUGE_VAL) - magnitude);
@@ -579,6 +741,13 @@ int main(void) {
     RUN_TEST(test_lagging_wheels_fall_behind_by_the_lag);
     RUN_TEST(test_noise_has_the_deviation_asked_for);
     RUN_TEST(test_noise_is_seeded_and_absent_when_off);
+    RUN_TEST(test_slip_is_between_rims_and_ground);
+    RUN_TEST(test_slip_moves_along_the_grounds_arc);
+    RUN_TEST(test_without_slip_nothing_is_drawn);
+    RUN_TEST(test_late_pose_of_a_straight_way);
+    RUN_TEST(test_late_pose_of_a_turn);
+    RUN_TEST(test_late_pose_has_room);
+    RUN_TEST(test_late_pose_has_noise);
     RUN_TEST(test_own_functions_against_libm);
     return UNITY_END();
 }

@@ -117,7 +117,11 @@ static const char full[] =
     "  a_max_mps2: 3\n"
     "  alpha_max_radps2: 9\n"
     "  pose_noise_m: 0.003\n"
-    "  heading_noise_rad: 0.01\n";
+    "  heading_noise_rad: 0.01\n"
+    "  slip: 0.02\n"
+    "  pose_delay_s: 0.04\n"
+    "  watchdog_s: 0.25\n"
+    "  untold: 0.5\n";
 
 /* --- loading ----------------------------------------------------------------------------- */
 
@@ -149,7 +153,7 @@ static void test_every_key_arrives(void) {
     TEST_ASSERT_EQUAL_UINT(2, scenario.obstacle_count);
     const scenario_obstacle_t obstacles[] = {{1, 2, 0.1, 0.2, 0.5}, {-3, -4, 0.15, 0.3, 0.6}};
     TEST_ASSERT_EQUAL_MEMORY(obstacles, scenario.obstacles, sizeof obstacles);
-    const scenario_plant_t plant = {0.05, 3, 9, 0.003, 0.01, 1, 1};
+    const scenario_plant_t plant = {0.05, 3, 9, 0.003, 0.01, 0.02, 0.04, 0.25, 0.5, 1, 1};
     TEST_ASSERT_EQUAL_MEMORY(&plant, &scenario.plant, sizeof plant);
 }
 
@@ -179,7 +183,7 @@ static void test_defaults(void) {
     assert_same(0.02, scenario.avoidance.skirt_m);
     assert_same(0.05, scenario.avoidance.v_creep_mps);
     TEST_ASSERT_EQUAL_UINT(0, scenario.obstacle_count);
-    const scenario_plant_t plant = {0, 0, 0, 0, 0, 1, 1};
+    const scenario_plant_t plant = {.radius_scale = 1, .track_scale = 1};
     TEST_ASSERT_EQUAL_MEMORY(&plant, &scenario.plant, sizeof plant);
 }
 

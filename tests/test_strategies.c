@@ -524,6 +524,43 @@ static void test_adaptive_is_finite_at_the_singularity(void) {
     }
 }
 
+/* What the firmware demands of C - R with what it is told of a plant. */
+static double demanded_m(const scenario_t *scenario) {
+    const berth_config_t config = strategy_config(scenario);
+    const uint32_t period_us = (uint32_t)lround(1.0e6 * scenario->period_s);
+    berth_avoid_t avoid;
+    berth_refusal_t refusal;
+    TEST_ASSERT_EQUAL_INT(
+        BERTH_OK, berth_avoid_init(&avoid, &config.avoid, &config.limits, period_us, &refusal));
+    return (double)avoid.clearance_min_m;
+}
+
+/* Delays of drives, poses and watchdogs count alike, slip makes the robot faster, and of what the
+ * plant demands beyond v_max T the firmware is told the part that it is to know. */
+static void test_the_firmware_is_told_of_the_plant(void) {
+    scenario_t scenario = scenario_of(SHAPE_EIGHT, 45.0);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-7, 0.8 * 0.05, demanded_m(&scenario));
+    scenario.plant.tau_s = 0.03;
+    scenario.plant.pose_delay_s = 0.07;
+    scenario.plant.watchdog_s = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-7, 0.8 * 0.35, demanded_m(&scenario));
+    scenario.plant.a_max_mps2 = 2.0;
+    scenario.plant.slip = 0.1;
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, 1.1 * (0.8 * 0.35 + 0.16), demanded_m(&scenario));
+    scenario.plant.pose_noise_m = 0.01;
+    const double whole = 1.1 * (0.8 * 0.35 + 0.16) + 0.03;
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, whole, demanded_m(&scenario));
+    for (int i = 0; i <= 10; i++) {
+        scenario.plant.untold = 0.1 * i;
+        const double told = 0.04 + (1.0 - 0.1 * i) * (whole - 0.04);
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, told, demanded_m(&scenario));
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-6, told, strategy_clearance_told(&scenario));
+        TEST_ASSERT_DOUBLE_WITHIN(1.0e-12, whole, strategy_clearance(&scenario));
+    }
+    scenario.plant.untold = 0.9999; /* braking beyond what the firmware takes: told as none */
+    TEST_ASSERT_DOUBLE_WITHIN(1.0e-4, 0.04, demanded_m(&scenario));
+}
+
 int main(void) {
     printf("seed %u\n", SEED);
     UNITY_BEGIN();
@@ -542,6 +579,7 @@ int main(void) {
     RUN_TEST(test_kanayama_law);
     RUN_TEST(test_kanayama_avoid_keeps_clear_where_kanayama_collides);
     RUN_TEST(test_kanayama_avoid_keeps_the_turn_at_the_speed_limit);
+    RUN_TEST(test_the_firmware_is_told_of_the_plant);
     RUN_TEST(test_adaptive_learns_the_wheels_on_the_circle);
     RUN_TEST(test_adaptive_learns_the_wheels_on_the_eight);
     RUN_TEST(test_adaptive_learns_with_noise_too);

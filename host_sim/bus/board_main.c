@@ -481,6 +481,12 @@ static bool load_scenario(options_t *options) {
         complain("%s", error.text);
         return false;
     }
+    if (options->recipe.scenario.plant.untold > 0.0) {
+        complain("plant.untold: %g breaks the clearance condition, which is for simulation alone "
+                 "(allowed: 0)",
+                 options->recipe.scenario.plant.untold);
+        return false;
+    }
     return true;
 }
 

@@ -570,6 +570,11 @@ bool bus_setup_obstacles(const bus_setup_t *setup, const scenario_t *scenario, b
     return true;
 }
 
+int64_t bus_setup_fix_latency_us(const bus_setup_t *setup, const scenario_t *scenario) {
+    const int64_t delay_us = (int64_t)llround(1.0e6 * scenario->plant.pose_delay_s);
+    return setup->fix_period_us > 0 ? setup->fix_latency_us + delay_us : 0;
+}
+
 drive_sim_config_t bus_setup_drive_sim(const bus_setup_t *setup, int side) {
     return (drive_sim_config_t){
         .kind = setup->drive,

@@ -114,6 +114,10 @@ bool bus_setup_obstacles(const bus_setup_t *setup, const scenario_t *scenario, b
 void bus_setup_refusal_text(berth_error_t error, const berth_refusal_t *refusal,
                             scenario_error_t *out);
 
+/* From a pose fix's measurement until its frame is sent: the setup's latency and the plant's delay
+ * of the pose. 0 without fixes. */
+int64_t bus_setup_fix_latency_us(const bus_setup_t *setup, const scenario_t *scenario);
+
 /* A simulated drive of this setup. side: BERTH_LEFT or BERTH_RIGHT. */
 drive_sim_config_t bus_setup_drive_sim(const bus_setup_t *setup, int side);
 

@@ -74,15 +74,12 @@ static void take_targets(bus_robot_t *robot) {
 }
 
 bus_robot_wheels_t bus_robot_wheels(const bus_robot_t *robot) {
-    const plant_t *plant = &robot->plant;
-    const double radius_m = robot->config.scenario->robot.wheel_radius_m;
-    const double true_radius_m = radius_m * plant->model.radius_scale;
-    const double turn_mps = 0.5 * plant->track_m * plant->model.track_scale * plant->omega_radps;
-    return (bus_robot_wheels_t){
+    bus_robot_wheels_t wheels = {
         .wanted_radps = {wanted_radps(robot, BERTH_LEFT), wanted_radps(robot, BERTH_RIGHT)},
-        .speed_radps = {(plant->v_mps - turn_mps) / true_radius_m,
-                        (plant->v_mps + turn_mps) / true_radius_m},
     };
+    plant_wheel_speeds(&robot->plant, robot->config.scenario->robot.wheel_radius_m,
+                       &wheels.speed_radps[BERTH_LEFT], &wheels.speed_radps[BERTH_RIGHT]);
+    return wheels;
 }
 
 void bus_robot_limit(bus_robot_t *robot, double speed_max_radps) {

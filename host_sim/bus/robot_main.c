@@ -265,7 +265,7 @@ static bool make_robot(const robot_options_t *options, session_t *session, const
         .drives = {bus_setup_drive_sim(setup, BERTH_LEFT), bus_setup_drive_sim(setup, BERTH_RIGHT)},
         .address = setup->address,
         .fix_period_us = setup->fix_period_us,
-        .fix_latency_us = setup->fix_latency_us,
+        .fix_latency_us = bus_setup_fix_latency_us(setup, &session->scenario),
         .silence_us = BUS_ROBOT_SILENCE_US,
         .announced = setup->announced && strcmp(session->scenario.avoidance.strategy, "none") != 0,
         .body_m = BUS_SETUP_BODY_M,

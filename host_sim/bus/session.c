@@ -267,7 +267,7 @@ static bool make_robot(session_t *session, scenario_error_t *error) {
                    bus_setup_drive_sim(config->setup, BERTH_RIGHT)},
         .address = config->setup->address,
         .fix_period_us = config->setup->fix_period_us,
-        .fix_latency_us = config->setup->fix_latency_us,
+        .fix_latency_us = bus_setup_fix_latency_us(config->setup, config->scenario),
         .silence_us = BUS_ROBOT_SILENCE_US,
         .announced =
             config->setup->announced && strcmp(config->scenario->avoidance.strategy, "none") != 0,

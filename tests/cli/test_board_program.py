@@ -151,6 +151,8 @@ def test_no_drives_is_a_fault_that_says_which(tmp_path):
       "robot.v_max_mps=-1"], "robot.v_max_mps"),
     (["--can", "slcan:x", "--drive", "odrive", "--left", "1", "--right", "2", "circle", "--set",
       "avoidance.strategy=normal"], "normal"),
+    (["--can", "slcan:x", "--drive", "odrive", "--left", "1", "--right", "2", "circle", "--set",
+      "plant.untold=0.1"], "plant.untold: 0.1 breaks the clearance condition"),
     (["--can", "slcan:x", "--drive", "odrive", "--left", "1", "--right", "2", "circle",
       "--priority", "100"], "1 to 99"),
     (["--can", "slcan:x", "--drive", "odrive", "--left", "1", "--right", "2", "circle",

@@ -3,6 +3,7 @@
 BERTH_TEST_EFFORT=short runs a fiftieth of the scenes.
 """
 
+import csv
 import json
 import os
 import pty
@@ -155,6 +156,161 @@ def test_written_scene_is_the_same_each_time(tmp_path):
     assert (tmp_path / "one.yaml").read_bytes() != (tmp_path / "two.yaml").read_bytes()
 
 
+# --- rows, plants that are drawn, the bus ------------------------------------------------------
+
+ROW_COLUMNS = (
+    "seed,shape,obstacles,overlap,tau_s,a_max_mps2,pose_noise_m,heading_noise_rad,slip,pose_delay_s,"
+    "watchdog_s,untold,needed_m,given_m,violation,collisions,min_clearance_m,rms_position_error_m,"
+    "peak_position_error_m,final_position_error_m,avoidance_time_s,track_s,regulated_s,"
+    "conservative_turn_s,conservative_go_s,blocked_s,standing_s,recovery_time_s,control_effort,"
+    "steps,recovered,blocked,drive,fault,fault_s,fault_lasts_s,end,stopped_s,reason,wrong").split(",")
+DRAWN = ["--plant", "drawn", "--set", "robot.v_max_mps=0.6"]
+UNTOLD = ["--plant", "untold", "--set", "robot.v_max_mps=0.6"]
+BUS = ["--bus", "loop", "--set", "robot.v_max_mps=0.5"]
+
+
+def rows_of(tmp_path, *arguments, status=0):
+    """The totals and the rows, as dictionaries of text."""
+    path = tmp_path / "rows.csv"
+    totals = campaign(*arguments, "--rows", path, status=status)
+    with open(path, newline="", encoding="ascii") as file:
+        table = csv.DictReader(file)
+        assert table.fieldnames == ROW_COLUMNS
+        return totals, list(table)
+
+
+@pytest.mark.parametrize("extra", [[], REAL_DRIVES, DRAWN], ids=str)
+def test_rows_are_the_totals(tmp_path, extra):
+    totals, rows = rows_of(tmp_path, "--runs", 200, "--seed", 40, *extra)
+    assert [int(row["seed"]) for row in rows] == list(range(40, 240))
+    assert min(float(row["min_clearance_m"]) for row in rows) == totals["worst_clearance_m"]
+    assert sum(int(row["recovered"]) for row in rows) == totals["recovered"]
+    assert sum(int(row["steps"]) for row in rows) == totals["steps"]
+    for mode in MODES:
+        assert sum(float(row[f"{mode}_s"]) for row in rows) == pytest.approx(
+            totals["mode_time_s"][mode])
+    for row in rows:
+        assert float(row["violation"]) < 0.0 < float(row["given_m"]) - float(row["needed_m"])
+        assert (row["drive"], row["fault"], row["wrong"]) == ("", "", "")
+
+
+def test_a_row_is_the_run_of_its_scene(tmp_path):
+    _, rows = rows_of(tmp_path, "--runs", 3, "--seed", 11, *DRAWN)
+    for row in rows:
+        scene = tmp_path / "scene.yaml"
+        assert sim("campaign", "--seed", row["seed"], *DRAWN, "--scene", scene).returncode == 0
+        one = summary("run", scene, "--seed", row["seed"])
+        for key in ("min_clearance_m", "rms_position_error_m", "control_effort", "collisions"):
+            assert float(row[key]) == one[key]
+        assert (row["recovery_time_s"] == "") == (one["recovery_time_s"] is None)
+
+
+def test_rows_do_not_depend_on_jobs_nor_on_parts(tmp_path):
+    whole = tmp_path / "whole.csv"
+    campaign("--runs", 60, "--seed", 5, *DRAWN, "--jobs", 7, "--rows", whole)
+    parts = []
+    for seed in (5, 25, 45):
+        path = tmp_path / f"{seed}.csv"
+        campaign("--runs", 20, "--seed", seed, *DRAWN, "--jobs", 1, "--rows", path)
+        parts += path.read_text().splitlines()[0 if seed == 5 else 1:]
+    assert whole.read_text().splitlines() == parts
+
+
+def test_drawn_plants_use_their_ranges(tmp_path):
+    _, rows = rows_of(tmp_path, "--runs", 400, "--seed", 1, *DRAWN)
+    ranges = {"tau_s": (0, 0.1), "a_max_mps2": (2, 5), "pose_noise_m": (0, 0.005),
+              "heading_noise_rad": (0, 0.005), "slip": (0, 0.05), "pose_delay_s": (0, 0.1)}
+    for key, (least, most) in ranges.items():
+        values = [float(row[key]) for row in rows]
+        assert least <= min(values) < least + 0.05 * (most - least)
+        assert most >= max(values) > most - 0.05 * (most - least)
+    for row in rows[:50]:
+        v, slip = 0.6, 1.0 + float(row["slip"])
+        delay = 0.05 + float(row["tau_s"]) + float(row["pose_delay_s"])
+        needed = slip * (v * delay + v * v / (2.0 * float(row["a_max_mps2"])))
+        needed += 3.0 * float(row["pose_noise_m"])
+        assert float(row["needed_m"]) == pytest.approx(needed)
+        assert float(row["given_m"]) == pytest.approx(needed + 0.01)
+
+
+def test_no_collision_with_drawn_plants(capsys):
+    result = campaign("--runs", runs(50000), "--seed", 1, *DRAWN)
+    report(capsys, "lag, limits, noise, slip and late poses", result)
+    assert result["collisions"] == 0
+    assert result["worst_clearance_m"] > 0.0
+    assert result["recovered"] > 0.9 * result["runs"]
+
+
+def test_a_plant_worse_than_told_collides_the_more_the_worse(tmp_path):
+    totals, rows = rows_of(tmp_path, "--runs", 4000, "--seed", 1, *UNTOLD, status=1)
+    assert totals["collisions"] > 50
+    collided = [[], []]
+    for row in rows:
+        needed, given = float(row["needed_m"]), float(row["given_m"])
+        untold = float(row["untold"])
+        assert given == pytest.approx(0.01 + 0.03 + (1.0 - untold) * (needed - 0.03), abs=1e-3)
+        assert float(row["violation"]) == pytest.approx(1.0 - given / needed)
+        if float(row["violation"]) <= 0.0:
+            assert row["collisions"] == "0"
+        else:
+            collided[float(row["violation"]) > 0.4].append(row["collisions"] != "0")
+    rates = [sum(part) / len(part) for part in collided]
+    assert rates[1] > 3.0 * rates[0]
+
+
+@pytest.mark.parametrize("drive", ["odrive", "vesc", "cia402", None])
+def test_no_collision_on_the_bus(tmp_path, drive):
+    chosen = [] if drive is None else ["--drive", drive]
+    totals, rows = rows_of(tmp_path, "--runs", 12, "--seed", 1, *BUS, *chosen)
+    assert (totals["collisions"], totals["stopped"], totals["wrong"]) == (0, 0, 0)
+    assert {row["drive"] for row in rows} <= ({drive} if drive else {"odrive", "vesc", "cia402"})
+    assert {(row["fault"], row["end"], row["reason"]) for row in rows} == {("none", "idle", "")}
+    assert {row["watchdog_s"] for row in rows} == {"0.25"}
+
+
+def test_faults_on_the_bus_stop_with_a_reason_or_do_no_harm(tmp_path):
+    totals, rows = rows_of(tmp_path, "--runs", runs(1500) + 100, "--seed", 1, *BUS, "--plant", "drawn",
+                           "--faults")
+    assert (totals["collisions"], totals["wrong"]) == (0, 0)
+    stopped = [row for row in rows if row["reason"]]
+    assert totals["stopped"] == len(stopped) > 0.4 * len(rows)
+    assert len({row["fault"] for row in rows}) >= 13
+    assert len({row["reason"] for row in rows}) >= 8
+    for row in stopped:
+        assert row["end"] == "fault"
+        assert row["fault_s"] == "" or float(row["stopped_s"]) >= float(row["fault_s"])
+
+
+@pytest.mark.parametrize("seed, options, wrong", [
+    (1, ["--strategy", "none"], "collided"),
+    # a watchdog that bites between two messages; and one that sleeps
+    (1, ["--drive", "odrive", "--feedback-timeout", "2"], "stopped with the wrong reason"),
+    (70, ["--drive", "odrive", "--faults", "--feedback-timeout", "10000",
+          "--heartbeat-timeout", "10000"], "carried on"),
+], ids=str)
+def test_what_is_wrong_on_the_bus_is_found(tmp_path, seed, options, wrong):
+    totals, rows = rows_of(tmp_path, "--runs", 10, "--seed", seed, *BUS, *options, status=1)
+    found = [int(row["seed"]) for row in rows if row["wrong"] == wrong]
+    assert found and totals["wrong"] >= len(found)
+    assert set(found) <= set(totals["bad_seeds"])
+    again, _ = rows_of(tmp_path, "--runs", 1, "--seed", found[0], *BUS, *options, status=1)
+    assert (again["wrong"], again["bad_seeds"]) == (1, [found[0]])
+
+
+def test_bus_totals_for_people():
+    result = sim("campaign", "--runs", 3, *BUS, "--faults")
+    words = [line.rsplit(maxsplit=1) for line in result.stdout.splitlines() if line]
+    assert ["stopped by a fault", "not as it must be"] == [
+        word[0] for word in words if word[0] in ("stopped by a fault", "not as it must be")]
+
+
+def test_rows_that_cannot_be_written(tmp_path):
+    path = tmp_path / "nowhere" / "rows.csv"
+    result = sim("campaign", "--runs", 1, "--rows", path)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert str(path) in result.stderr
+
+
 def test_table_for_people():
     result = sim("campaign", "--runs", 30, "--strategy", "none", "--seed", 1)
     assert result.returncode == 1
@@ -199,6 +355,14 @@ def test_progress_bar_on_a_terminal():
     (["--set", "plant.tau_s=9"], ["no scene fits"]),
     (["--set", "duration_s=10.5"], ["duration_s", "more than 10.5 s"]),
     (["--seed", "9223372036854775807", "--runs", "2"], ["--seed", "9223372036854775808"]),
+    (["--plant", "mine"], ["--plant", "'mine'", "base, drawn, untold"]),
+    (["--plant", "drawn", "--set", "plant.tau_s=0.1"], ["plant.tau_s", "drawn for each run"]),
+    (["--rows", "x.csv", "--runs", "10000001"], ["--rows", "10000001", "10000000"]),
+    (["--faults"], ["--faults", "--bus loop"]),
+    (["--bus", "can0"], ["--bus", "'can0'", "loop"]),
+    (["--drive", "odrive"], ["--drive", "--bus loop"]),
+    (["--bus", "loop", "--strategy", "normal"], ["normal", "none, conservative, combined"]),
+    (["--bus", "loop", "--pole-pairs", "7"], ["--pole-pairs", "--drive vesc"]),
     (["--bogus"], ["--bogus"]),
     (["circle"], ["'circle'"]),
 ], ids=str)

@@ -210,6 +210,10 @@ EDITS = {
     "acceleration-tiny": ("a_max_mps2: 0", "a_max_mps2: 1e-9", 32, "plant.a_max_mps2",
                           "0, or 0.001 to 1000"),
     "noise-large": ("pose_noise_m: 0", "pose_noise_m: 1.5", 34, "plant.pose_noise_m", "0 to 1"),
+    "slip-large": ("tau_s: 0", "slip: 0.6", 31, "plant.slip", "0 to 0.5"),
+    "pose-delay-long": ("tau_s: 0", "pose_delay_s: 0.6", 31, "plant.pose_delay_s", "0 to 0.5"),
+    "watchdog-negative": ("tau_s: 0", "watchdog_s: -1", 31, "plant.watchdog_s", "0 to 10"),
+    "untold-large": ("tau_s: 0", "untold: 1.1", 31, "plant.untold", "0 to 1"),
     "heading-noise-large": ("heading_noise_rad: 0", "heading_noise_rad: 3.2", 35,
                             "plant.heading_noise_rad", "0 to 3.14159265"),
     # what YAML has and scenarios have not
