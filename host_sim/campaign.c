@@ -37,7 +37,9 @@
 #define POSE_NOISE_MAX_M 0.005
 #define HEADING_NOISE_MAX_RAD 0.005
 #define SLIP_MAX 0.05
-#define POSE_DELAY_MAX 0.1
+/* At omega_max = 3 rad/s the heading that is known is 0.15 rad old: see strategy_told. */
+#define POSE_DELAY_MAX 0.05
+#define LATE_POSE_DELAY_MAX 0.2
 
 static void draw_plant(const campaign_options_t *options, rng_t *rng, scenario_plant_t *plant) {
     if (options->plant == CAMPAIGN_PLANT_BASE) {
@@ -48,7 +50,8 @@ static void draw_plant(const campaign_options_t *options, rng_t *rng, scenario_p
     plant->pose_noise_m = rng_uniform(rng, 0.0, POSE_NOISE_MAX_M);
     plant->heading_noise_rad = rng_uniform(rng, 0.0, HEADING_NOISE_MAX_RAD);
     plant->slip = rng_uniform(rng, 0.0, SLIP_MAX);
-    plant->pose_delay_s = rng_uniform(rng, 0.0, POSE_DELAY_MAX);
+    plant->pose_delay_s = rng_uniform(
+        rng, 0.0, options->plant == CAMPAIGN_PLANT_LATE ? LATE_POSE_DELAY_MAX : POSE_DELAY_MAX);
     if (options->plant == CAMPAIGN_PLANT_UNTOLD) {
         plant->untold = rng_uniform(rng, 0.0, 1.0);
     }

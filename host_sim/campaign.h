@@ -11,10 +11,15 @@
 typedef enum { OVERLAP_ANY, OVERLAP_DEMAND, OVERLAP_FORBID } campaign_overlap_t;
 
 /* Whose plant a scene has: that of the scenarios that it is made from; one drawn for each run, with
- * the ranges in campaign.c; or such a one of which the firmware is told a part only, drawn too,
- * from all to nothing: its clearance condition is then met for a better robot than the one there
- * is. */
-typedef enum { CAMPAIGN_PLANT_BASE, CAMPAIGN_PLANT_DRAWN, CAMPAIGN_PLANT_UNTOLD } campaign_plant_t;
+ * the ranges in campaign.c; such a one of which the firmware is told a part only, drawn too, from
+ * all to nothing: its clearance condition is then met for a better robot than the one there is; or
+ * one whose poses come later than the firmware can do with. */
+typedef enum {
+    CAMPAIGN_PLANT_BASE,
+    CAMPAIGN_PLANT_DRAWN,
+    CAMPAIGN_PLANT_UNTOLD,
+    CAMPAIGN_PLANT_LATE
+} campaign_plant_t;
 
 /* What a run came to. */
 typedef struct {

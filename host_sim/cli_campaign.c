@@ -44,10 +44,10 @@ static const struct argp_option option_table[] = {
     {"plant", CAMPAIGN_PLANT, "WHICH", 0,
      "base: as --set has it (default). drawn: each run draws its own: tau up to 0.1 s, 2 to 5 "
      "m/s2, "
-     "noise up to 5 mm and 5 mrad, slip up to 5 %, a pose up to 0.1 s old. untold: as drawn, and "
-     "the "
-     "firmware is told only a part of it, drawn too: its clearance condition holds for a better "
-     "robot",
+     "noise up to 5 mm and 5 mrad, slip up to 5 %, a pose up to 0.05 s old. untold: as drawn, and "
+     "the firmware is told only a part of it, drawn too: its clearance condition holds for a "
+     "better "
+     "robot. late: as drawn, with a pose up to 0.2 s old",
      0},
     {"strategy", CLI_STRATEGY, "S", 0, "Controller (combined)", 0},
     {"set", CLI_SET, "KEY=VALUE", 0,
@@ -73,21 +73,24 @@ static void parse_count(const char *option, const char *argument, uint64_t maxim
     }
 }
 
-/* Index of a word among three. */
-static int parse_word(const char *option, const char *argument, const char *const names[3],
+/* Index of a word in a list that ends with NULL. */
+static int parse_word(const char *option, const char *argument, const char *const *names,
                       struct argp_state *state) {
-    for (int i = 0; i < 3; i++) {
+    char allowed[64] = "";
+    for (int i = 0; names[i] != NULL; i++) {
         if (strcmp(argument, names[i]) == 0) {
             return i;
         }
+        const size_t length = strlen(allowed);
+        (void)snprintf(allowed + length, sizeof allowed - length, "%s%s", i == 0 ? "" : ", ",
+                       names[i]);
     }
-    argp_error(state, "%s: '%s' (allowed: %s, %s, %s)", option, argument, names[0], names[1],
-               names[2]);
+    argp_error(state, "%s: '%s' (allowed: %s)", option, argument, allowed);
     return 0;
 }
 
-static const char *const overlap_names[3] = {"any", "demand", "forbid"};
-static const char *const plant_names[3] = {"base", "drawn", "untold"};
+static const char *const overlap_names[] = {"any", "demand", "forbid", NULL};
+static const char *const plant_names[] = {"base", "drawn", "untold", "late", NULL};
 
 static void check_bus(const campaign_cli_t *cli, struct argp_state *state) {
     const char *given = bus_setup_any_given(&cli->common.setup);
