@@ -705,6 +705,42 @@ static void test_no_weights_no_gain(void) {
     }
 }
 
+/* (1 - cos a) / a^2 without cancellation, and (a - sin a) / a^3 by as many terms as it takes. */
+static void expected_turn_factors(double a, double *c2, double *s3) {
+    const double half = sin(0.5 * a) / a;
+    *c2 = 2.0 * half * half;
+    double sum = 0.0;
+    double term = 1.0 / 6.0;
+    for (int n = 4; n < 60; n += 2) {
+        sum += term;
+        term *= -a * a / (double)(n * (n + 1));
+    }
+    *s3 = sum;
+}
+
+static void expect_turn_factors(double a, double tolerance) {
+    double c2;
+    double s3;
+    double expected_c2;
+    double expected_s3;
+    riccati_turn_factors(a, &c2, &s3);
+    expected_turn_factors(a, &expected_c2, &expected_s3);
+    TEST_ASSERT_TRUE(fabs(c2 - expected_c2) <= tolerance * expected_c2);
+    TEST_ASSERT_TRUE(fabs(s3 - expected_s3) <= tolerance * expected_s3);
+}
+
+/* Below 0.25 rad the series, with what it omits; from there on the closed forms, which cancel the
+ * more the smaller the turn. */
+static void test_turn_factors_up_to_where_the_forms_meet_and_beyond(void) {
+    for (int sign = -1; sign <= 1; sign += 2) {
+        for (int i = 1; i <= 1000; i++) {
+            const double share = (double)sign * (double)i / 1000.0;
+            expect_turn_factors(0.2499999 * share, 7.0e-15);
+            expect_turn_factors((double)sign * 0.25 + 3.0 * share, 4.0e-14);
+        }
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_euler_against_the_stacked_form);
@@ -724,5 +760,6 @@ int main(void) {
     RUN_TEST(test_cost_rises_for_every_perturbation);
     RUN_TEST(test_optimal_inputs_are_the_stacked_solution);
     RUN_TEST(test_no_weights_no_gain);
+    RUN_TEST(test_turn_factors_up_to_where_the_forms_meet_and_beyond);
     return UNITY_END();
 }
