@@ -45,8 +45,8 @@ static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth
     return (uint32_t)alike;
 }
 
-/* Scans on until the exit, the horizon, the plan's last row or the budget is reached. Returns how
- * many samples it looked at. */
+/* Scans on until the exit, the horizon, the plan's last row or the budget is reached. Returns by
+ * how many samples the cursor has moved. */
 static uint32_t scan(berth_obstacle_slot_t *slot, const berth_plan_t *plan,
                      const berth_reference_t *reference, uint32_t budget) {
     berth_obstacle_memory_t *memory = &slot->memory;
@@ -75,7 +75,6 @@ static uint32_t scan(berth_obstacle_slot_t *slot, const berth_plan_t *plan,
     memory->cursor += used;
     if (used < run) {
         memory->scan = SCAN_FOUND; /* the cursor stays on the exit */
-        used++;
     }
     return used;
 }
