@@ -107,12 +107,12 @@ def new_figure(width, height):
     return figure
 
 
-def save(figure, stem):
-    """Writes stem.pdf, stem.svg and stem.png, in one layout."""
+def save(figure, stem, endings=tuple(_METADATA)):
+    """Writes stem.pdf, stem.svg and stem.png, or some of them, in one layout."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    for ending, metadata in _METADATA.items():
-        figure.savefig(f"{stem}.{ending}", metadata=metadata)
+    for ending in endings:
+        figure.savefig(f"{stem}.{ending}", metadata=_METADATA[ending])
 
 
 def strategy_colour(strategy):
