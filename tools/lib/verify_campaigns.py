@@ -172,8 +172,8 @@ def draw():
 NOTES = [
     "A robot is worse than told when the firmware knows only a part of its delays, braking distance and noise: a",
     "configuration that breaks the condition openly is refused. The curves are in `tools/figures/violation.png`.",
-    "Left out on the bus, as no distance can count them: frames altered unnoticed (`test_sweep_frames` has them), and a",
-    "VESC that lets go of its wheel without a word (`test_sweep_trouble`).",
+    "Left out on the bus, as no distance can count them: frames altered unnoticed (`test_sweep_frames` has",
+    "them), and a VESC that lets go of its wheel without a word (`test_sweep_trouble`).",
 ]
 
 
