@@ -30,18 +30,44 @@ static bool explain_choice(char what[KEY_WHAT_MAX], const char *text) {
     return explain_text(what, text, "is not known");
 }
 
+/* Length of the character of UTF-8 that begins at text, and the character; 0: there is none. */
+static size_t take_character(const unsigned char *text, uint32_t *character) {
+    static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
+    const unsigned char first = text[0];
+    size_t length = 0;
+    if (first < 0x80u) {
+        length = 1;
+    } else if (first >= 0xC0u && first < 0xF8u) {
+        length = first < 0xE0u ? 2 : first < 0xF0u ? 3 : 4;
+    }
+    uint32_t sum = length > 1 ? first & (0x7Fu >> length) : first;
+    for (size_t i = 1; i < length; i++) {
+        if ((text[i] & 0xC0u) != 0x80u) { /* the end of the text too */
+            return 0;
+        }
+        sum = sum << 6 | (text[i] & 0x3Fu);
+    }
+    *character = sum;
+    return length > 0 && sum >= least[length] ? length : 0;
+}
+
+/* Not what YAML takes for a control character, a line break or the byte order mark, nor what is no
+ * character at all. */
+static bool printable(uint32_t c) {
+    return c >= 0x20 && !(c >= 0x7F && c < 0xA0) && c != 0x2028 && c != 0x2029 &&
+           !(c >= 0xD800 && c < 0xE000) && c != 0xFEFF && c != 0xFFFE && c != 0xFFFF &&
+           c <= 0x10FFFF;
+}
+
 bool scenario_text_printable(const char *text) {
-    for (const unsigned char *at = (const unsigned char *)text; *at != '\0'; at++) {
-        if (*at < 0x20u || *at == 0x7Fu) {
+    const unsigned char *at = (const unsigned char *)text;
+    while (*at != '\0') {
+        uint32_t character;
+        const size_t length = take_character(at, &character);
+        if (length == 0 || !printable(character)) {
             return false;
         }
-        /* what YAML takes for a line break or for control characters: U+0080 to U+009F, U+2028,
-         * U+2029, and the byte order mark */
-        if ((at[0] == 0xC2u && at[1] < 0xA0u) ||
-            (at[0] == 0xE2u && at[1] == 0x80u && (at[2] == 0xA8u || at[2] == 0xA9u)) ||
-            (at[0] == 0xEFu && at[1] == 0xBBu && at[2] == 0xBFu)) {
-            return false;
-        }
+        at += length;
     }
     return true;
 }
@@ -54,7 +80,7 @@ static bool assign_text(char *target, const char *text, char what[KEY_WHAT_MAX])
         return explain(what, "has %zu bytes", strlen(text));
     }
     if (!scenario_text_printable(text)) {
-        return explain_text(what, text, "has a control character or a line break");
+        return explain_text(what, text, "has a control character, a line break or no UTF-8");
     }
     strcpy(target, text);
     return true;

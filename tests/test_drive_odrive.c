@@ -217,6 +217,16 @@ static void test_how_far_enabling_came(void) {
     expect_state(BERTH_DRIVE_FAULT, BERTH_DRIVE_FAULT_ENABLE, BERTH_ODRIVE_NOT_IN_CLOSED_LOOP);
 }
 
+/* A step that comes too late finds that out before it asks for torque. */
+static void test_no_torque_is_asked_for_when_the_time_is_over(void) {
+    berth_drive_enable(&drive, 0);
+    step_at(0);
+    expect_prepare_frames();
+    step_at(ENABLE_TIMEOUT_US + 1);
+    expect_nothing();
+    expect_state(BERTH_DRIVE_FAULT, BERTH_DRIVE_FAULT_ENABLE, BERTH_ODRIVE_NO_HEARTBEAT);
+}
+
 static void test_an_error_that_stays_is_named(void) {
     ask_at(10000);
     (void)say_heartbeat(0x01000000, 1, 11000); /* may be from before the errors were cleared */
@@ -732,6 +742,7 @@ int main(void) {
     RUN_TEST(test_an_old_heartbeat_does_not_enable);
     RUN_TEST(test_without_feedback_it_waits_and_says_so);
     RUN_TEST(test_how_far_enabling_came);
+    RUN_TEST(test_no_torque_is_asked_for_when_the_time_is_over);
     RUN_TEST(test_an_error_that_stays_is_named);
     RUN_TEST(test_state_8_with_an_error_is_not_enabled);
     RUN_TEST(test_falling_out_while_starting_asks_again);

@@ -360,6 +360,17 @@ static void test_set_refuses_what_a_file_may_not_say(void) {
                    "(allowed: 0.001 to 10000)");
     assert_not_set("name=", "name", "(allowed: a text of 1 to 255 printable bytes)");
     assert_not_set("name=a\nb", "name", "(allowed: a text of 1 to 255 printable bytes)");
+    /* no UTF-8, which could be written but not read again: Latin-1, an end too early, a surrogate,
+     * more bytes than needed, beyond the last character, none at all */
+    static const char *const bad[] = {
+        "caf\xE9",          "\xE2\x82",     "\xED\xA0\x80", "\xC0\xAF",
+        "\xF4\x90\x80\x80", "\xEF\xBF\xBF", "\xFF",         "\x80"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        char assignment[16];
+        (void)snprintf(assignment, sizeof assignment, "name=%s", bad[i]);
+        assert_not_set(assignment, "name", "(allowed: a text of 1 to 255 printable bytes)");
+    }
+    assert_set("name=\xF0\x9F\x9A\xA2 \xED\x9F\xBF");
 }
 
 static void test_set_refuses_a_text_that_does_not_fit(void) {

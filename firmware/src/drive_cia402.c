@@ -225,9 +225,11 @@ static void step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     if (drive->status.state != BERTH_DRIVE_STARTING) {
         return;
     }
-    /* drive.c would say that enabling took too long: this is why */
-    if (now_us > drive->enabling_us + drive->config.enable_timeout_us && cia402_fault_told(drive)) {
-        drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, drive->state.cia402.error_code);
+    if (now_us > drive->enabling_us + drive->config.enable_timeout_us) {
+        /* drive.c would say that enabling took too long: this is why */
+        if (cia402_fault_told(drive)) {
+            drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, drive->state.cia402.error_code);
+        }
         return;
     }
     cia402_setup_step(drive, now_us, outbox);

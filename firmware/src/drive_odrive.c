@@ -199,9 +199,11 @@ static void step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox) {
     if (drive->status.state != BERTH_DRIVE_STARTING) {
         return;
     }
-    if (state->error != 0u && now_us > drive->enabling_us + drive->config.enable_timeout_us) {
-        drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, state->error);
-        return;
+    if (now_us > drive->enabling_us + drive->config.enable_timeout_us) {
+        if (state->error != 0u) {
+            drive_fail(drive, BERTH_DRIVE_FAULT_DEVICE, state->error);
+        }
+        return; /* no torque is asked for any more: drive.c says that enabling took too long */
     }
     if (state->step == STEP_DONE || now_us < state->retry_us) {
         return;

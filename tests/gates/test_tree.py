@@ -24,7 +24,7 @@ TOP_LEVEL = {
     "tests",
     "tools",
 }
-BINARY = {".png", ".pdf"}
+BINARY = {".bin", ".png", ".pdf"}
 # Somebody's own folders: such a path works on one machine only.
 ABSOLUTE = re.compile(r"(?<![\w.}\])])/(?:home|root|work|Users)/\w")
 # Package registries are reached through the clients as they are set up, never by name.
