@@ -280,7 +280,7 @@ static void send_all(world_t *world) {
         return;
     }
     const berth_can_frame_t *frame;
-    for (int i = 0; (frame = berth_board_front(&world->board)) != NULL; i++) {
+    for (uint32_t i = 0; (frame = berth_board_front(&world->board)) != NULL; i++) {
         FUZZ_CHECK(i < BERTH_OUTBOX_MAX, "the outbox has an end");
         const berth_can_frame_t sent = *frame;
         watch_sent(&world->watch, &sent, world->now_us);

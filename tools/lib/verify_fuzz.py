@@ -17,7 +17,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -57,9 +56,12 @@ def targets():
     return [line.removeprefix("fuzz_") for line in (PROGRAMS / "fuzzers.txt").read_text().split()]
 
 
-def folders(target):
-    """Where a target's inputs are: what was found, then the tree's."""
-    found = WORK / "corpus" / target
+def folders(target, short=False):
+    """Where a target's inputs are: what was found, then the tree's. A short run has no time to begin
+    with all that was ever found."""
+    found = WORK / ("short" if short else "corpus") / target
+    if short:
+        shutil.rmtree(found, ignore_errors=True)
     found.mkdir(parents=True, exist_ok=True)
     tree = [TESTS / kind / target for kind in ("corpus", "regressions")]
     return [str(found), *(str(folder) for folder in tree if folder.is_dir())]
@@ -76,26 +78,30 @@ def number_after(text, word):
     return int(found[-1]) if found else 0
 
 
-def fuzz(target, seconds):
+def fuzz(target, seconds, short):
     """One target for so long: a row of the table."""
     crashes = WORK / "crashes" / target
     crashes.mkdir(parents=True, exist_ok=True)
     command = ["nice", PROGRAMS / f"fuzz_{target}", f"-max_total_time={max(1, round(seconds))}",
-               "-print_final_stats=1", f"-artifact_prefix={crashes}/", *options(target), *folders(target)]
-    start = time.monotonic()
-    done = subprocess.run(command, cwd=WORK, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-                          errors="replace")
+               "-print_final_stats=1", f"-artifact_prefix={crashes}/", *options(target),
+               *folders(target, short)]
+    with open(WORK / f"{target}.log", "w+", errors="replace") as log:
+        process = subprocess.Popen(command, cwd=WORK, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        log.seek(0)
+        said = log.read()
     row = {
         "target": target,
-        "seconds": time.monotonic() - start,
-        "executions": number_after(done.stderr, "stat::number_of_executed_units:"),
-        "edges": number_after(done.stderr, "cov:"),
-        "crashed": done.returncode != 0,
+        "seconds": usage.ru_utime + usage.ru_stime,
+        "executions": number_after(said, "stat::number_of_executed_units:"),
+        "edges": number_after(said, "cov:"),
+        "crashed": process.returncode != 0,
     }
-    print(f"{target:<14} {row['executions']:>10} executions in {row['seconds']:.0f} s, {row['edges']} edges"
+    print(f"{target:<14} {row['executions']:>10} executions in {row['seconds']:.0f} s of a core, {row['edges']} edges"
           f"{', CRASH' if row['crashed'] else ''}", flush=True)
     if row["crashed"]:
-        explain(target, done.stderr)
+        explain(target, said)
     return row
 
 
@@ -108,12 +114,12 @@ def explain(target, text):
         print(f"    keep it as tests/fuzz/regressions/{target}/NAME.bin, then mend what it shows")
 
 
-def fuzz_all(seconds):
+def fuzz_all(seconds, short):
     """seconds: of the clock, for all targets together."""
     names = targets()
     share = seconds * JOBS / len(names)
     with ThreadPoolExecutor(JOBS) as pool:
-        return list(pool.map(lambda name: fuzz(name, share), names))
+        return list(pool.map(lambda name: fuzz(name, share, short), names))
 
 
 def planted():
@@ -270,7 +276,7 @@ def main():
         print("\n".join(reach_table()))
     if chosen.out:
         seconds = SHORT_S * len(targets()) / JOBS if chosen.short else 60.0 * chosen.minutes
-        rows = fuzz_all(seconds)
+        rows = fuzz_all(seconds, chosen.short)
         notes = [] if chosen.short else [*table(rows), "", *reach_table()]
         chosen.out.write_text(json.dumps({"claims": claims(rows, chosen.short), "notes": notes}))
     return 0
