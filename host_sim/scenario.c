@@ -17,7 +17,8 @@
 #define ROBOT                                                                                      \
     .robot = {.wheel_radius_m = 0.05, .track_m = 0.30, .v_max_mps = 0.8, .omega_max_radps = 3.0}
 #define MPC .mpc = {.horizon = 20, .q = {10.0, 40.0, 1.0}, .r = {0.5, 0.1}}
-#define AVOIDANCE .avoidance = {.strategy = "combined", .skirt_m = 0.02, .v_creep_mps = 0.05}
+#define AVOIDANCE                                                                                  \
+    .avoidance = {.strategy = "combined", .skirt_m = 0.02, .v_creep_mps = 0.05, .paced = true}
 #define PLANT .plant = {.radius_scale = 1.0, .track_scale = 1.0}
 
 static const scenario_t builtins[] = {

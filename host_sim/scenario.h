@@ -63,6 +63,7 @@ typedef struct {
     struct {
         char strategy[32];
         double skirt_m, v_creep_mps;
+        bool paced; /* keeps the pace of drives with lag: see berth/avoid.h */
     } avoidance;
     scenario_obstacle_t obstacles[SCENARIO_OBSTACLES_MAX];
     size_t obstacle_count;

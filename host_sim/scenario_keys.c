@@ -67,6 +67,7 @@ const scenario_key_t scenario_keys[SCENARIO_KEY_COUNT] = {
      "0.02"},
     {SECTION_AVOIDANCE, "v_creep_mps", KIND_NUMBER, 1, AT(avoidance.v_creep_mps), 0.001, 100,
      NEED_NEVER, "0.05"},
+    {SECTION_AVOIDANCE, "paced", KIND_BOOL, 1, AT(avoidance.paced), 0, 0, NEED_NEVER, "true"},
 
     {SECTION_OBSTACLES, "x_m", KIND_NUMBER, 1, IN(x_m), -POSITION_MAX, POSITION_MAX,
      NEED_IN_SECTION, NULL},

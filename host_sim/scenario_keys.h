@@ -49,7 +49,7 @@ typedef struct {
     const char *fallback; /* value when missing; NULL: zero, or set by the loader */
 } scenario_key_t;
 
-#define SCENARIO_KEY_COUNT 36
+#define SCENARIO_KEY_COUNT 37
 extern const scenario_key_t scenario_keys[SCENARIO_KEY_COUNT];
 extern const char *const scenario_sections[SECTION_COUNT];
 

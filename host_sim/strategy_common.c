@@ -51,6 +51,7 @@ berth_config_t strategy_config(const scenario_t *scenario) {
         .tau_s = (float)told.tau_s,
         .a_brake_mps2 = (float)told.a_brake_mps2,
         .sigma_pose_m = (float)told.sigma_pose_m,
+        .paced = scenario->avoidance.paced,
     };
     return config;
 }

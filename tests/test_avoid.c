@@ -606,6 +606,108 @@ static void test_braking_cap_at_the_hard_radius(void) {
     TEST_ASSERT_TRUE(rig.avoid.braking);
 }
 
+/* T = 0.125 s and tau = 0.375 s: turns take four times as long. */
+static void start_paced(bool paced) {
+    const berth_avoid_config_t config = {
+        .skirt_m = 0.125f, .v_creep_mps = 0.0625f, .tau_s = 0.375f, .paced = paced};
+    rig_init(&rig, &config);
+}
+
+static void test_paced_turns_take_the_time_of_the_drives(void) {
+    for (int paced = 0; paced < 2; paced++) {
+        const float part = paced != 0 ? 4.0f : 1.0f;
+        start_paced(paced != 0);
+        rig_add_at(&rig, 1.0, 60.0, NEAR);
+        (void)rig_step(&rig, 0.3f, 11.0f);
+        rig_expect(&rig, BERTH_MODE_REGULATED, 0.3f, 30.0f / part);
+        start_paced(paced != 0);
+        rig_add_at(&rig, 1.0, -60.0, NEAR);
+        (void)rig_step(&rig, 0.3f, -11.0f);
+        rig_expect(&rig, BERTH_MODE_REGULATED, 0.3f, -30.0f / part);
+        start_paced(paced != 0);
+        rig_add_at(&rig, 1.0, 20.0, NEAR);
+        (void)rig_step(&rig, 0.3f, 0.0f);
+        rig_expect(&rig, BERTH_MODE_REGULATED, 0.3f, -10.0f / part);
+    }
+}
+
+/* A turn that would not reach the edge in that time passes as it is. */
+static void test_paced_turns_pass_within_their_room(void) {
+    start_paced(true);
+    rig_add_at(&rig, 1.0, 60.0, NEAR);
+    (void)rig_step(&rig, 0.3f, 1.0f);
+    rig_expect_passed(&rig, 0.3f, 1.0f);
+    (void)rig_step(&rig, 0.3f, -1.0f);
+    rig_expect_passed(&rig, 0.3f, -1.0f);
+}
+
+/* There the robot stands while it turns, and time is lost by turning slowly. */
+static void test_no_pace_within_the_conservative_radius(void) {
+    start_paced(true);
+    rig_add_at(&rig, 0.3125, 80.0, NEAR);
+    (void)rig_step(&rig, 0.3f, 0.0f);
+    rig_expect(&rig, BERTH_MODE_CONSERVATIVE_TURN, 0.0f, -10.0f);
+    start_paced(true);
+    rig_add_at(&rig, 0.3125, 120.0, NEAR);
+    plan_through(0.0f, 0.5f, 0.0f, 3.0f);
+    (void)rig_step(&rig, 0.5f, 9.0f);
+    rig_expect(&rig, BERTH_MODE_CONSERVATIVE_GO, 0.5f, 30.0f);
+}
+
+/* The obstacle's centre is at 60 degrees to the left, the exit 3 m away, the reference is there in
+ * 16 periods of 0.125 s: 1.25 * 3 m / 2 s. */
+static void pace_towards(float beyond_x, float beyond_y, bool left) {
+    start_paced(true);
+    rig_add_at(&rig, 1.0, left ? 60.0 : -60.0, NEAR);
+    for (uint32_t k = 0; k < 16; k++) {
+        rig.samples[k] = (berth_sample_t){.x_m = 0.5f, .y_m = left ? 0.8f : -0.8f, .v_mps = 0.25f};
+    }
+    rig.samples[16] = (berth_sample_t){.x_m = beyond_x, .y_m = left ? beyond_y : -beyond_y};
+    rig.plan.count = 17;
+    rig.plan.closed = false;
+    berth_reference_advance(&rig.reference, &rig.plan, 0);
+    (void)rig_step(&rig, 0.0f, 0.0f); /* the look-ahead */
+    (void)rig_step(&rig, 0.0f, 0.0f);
+}
+
+static void test_pace_is_what_brings_the_robot_to_the_exit_in_time(void) {
+    for (int left = 0; left < 2; left++) {
+        const float sign = left != 0 ? 1.0f : -1.0f;
+        pace_towards(3.0f, 0.0f, left != 0);
+        (void)rig_step(&rig, 0.7f, 11.0f * sign);
+        TEST_ASSERT_EQUAL_INT(BERTH_MODE_REGULATED, rig.mode);
+        TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 1.875f, rig.command.v_mps);
+        berth_reference_advance(&rig.reference, &rig.plan, 8 * RIG_PERIOD_US);
+        (void)rig_step(&rig, 0.7f, 11.0f * sign);
+        TEST_ASSERT_FLOAT_WITHIN(1.0e-5f, 3.75f, rig.command.v_mps);
+    }
+}
+
+/* Late or not, whichever way round: what counts is the exit, and the time until the reference is
+ * there. */
+static void test_a_paced_robot_hurries_once_the_reference_is_out(void) {
+    for (int left = 0; left < 2; left++) {
+        const float sign = left != 0 ? 1.0f : -1.0f;
+        pace_towards(-3.0f, 0.0f, left != 0);
+        berth_reference_advance(&rig.reference, &rig.plan, 15 * RIG_PERIOD_US);
+        (void)rig_step(&rig, 0.7f, 11.0f * sign);
+        TEST_ASSERT_FLOAT_WITHIN(1.0e-4f, 30.0f, rig.command.v_mps);
+        berth_reference_advance(&rig.reference, &rig.plan, 16 * RIG_PERIOD_US);
+        (void)rig_step(&rig, 0.1f, 11.0f * sign);
+        rig_expect(&rig, BERTH_MODE_REGULATED, 0.8f, sign * 7.5f);
+    }
+}
+
+static void test_a_paced_robot_without_an_exit_skirts_as_ever(void) {
+    start_paced(true);
+    rig_add_at(&rig, 1.0, 60.0, NEAR);
+    (void)rig_step(&rig, 0.1f, 11.0f);
+    rig_expect(&rig, BERTH_MODE_REGULATED, 0.25f, 7.5f);
+    /* nothing at all bounds a turn to the right but the half turn */
+    (void)rig_step(&rig, 0.1f, -40.0f);
+    rig_expect(&rig, BERTH_MODE_REGULATED, 0.25f, -45.0f);
+}
+
 static void test_clearance_is_the_least_of_the_active_ones(void) {
     static const float small[3] = {0.0625f, 0.1875f, 1.0f};
     rig_add(&rig, -1.0f, 0.0f, NEAR);    /* 0.75 */
@@ -716,6 +818,12 @@ int main(void) {
     RUN_TEST(test_braking_cap_applies_ahead_only);
     RUN_TEST(test_braking_cap_is_the_least_of_all);
     RUN_TEST(test_braking_cap_at_the_hard_radius);
+    RUN_TEST(test_paced_turns_take_the_time_of_the_drives);
+    RUN_TEST(test_paced_turns_pass_within_their_room);
+    RUN_TEST(test_no_pace_within_the_conservative_radius);
+    RUN_TEST(test_pace_is_what_brings_the_robot_to_the_exit_in_time);
+    RUN_TEST(test_a_paced_robot_hurries_once_the_reference_is_out);
+    RUN_TEST(test_a_paced_robot_without_an_exit_skirts_as_ever);
     RUN_TEST(test_clearance_is_the_least_of_the_active_ones);
     RUN_TEST(test_full_list);
     RUN_TEST(test_names_of_the_modes);

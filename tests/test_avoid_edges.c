@@ -401,10 +401,12 @@ static void test_a_start_begins_with_the_first(void) {
 /* --- exits ------------------------------------------------------------------------------------ */
 
 static void expect_exit(bool known, float x_m) {
-    berth_sample_t beyond = {.x_m = -1.0f};
-    TEST_ASSERT_EQUAL_INT(
-        known, lookahead_exit(&rig.obstacles.slots[0], &rig.plan, &rig.reference, &beyond));
-    TEST_ASSERT_EQUAL_FLOAT(known ? x_m : -1.0f, beyond.x_m);
+    const berth_sample_t *beyond =
+        lookahead_exit(&rig.obstacles.slots[0], &rig.plan, &rig.reference);
+    TEST_ASSERT_EQUAL_INT(known, beyond != NULL);
+    if (beyond != NULL) {
+        TEST_ASSERT_EQUAL_FLOAT(x_m, beyond->x_m);
+    }
 }
 
 static void start_exit(uint32_t samples, bool closed, float x_m) {

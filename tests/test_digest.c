@@ -88,6 +88,7 @@ static void test_the_controllers_configuration_counts(void) {
     ASSERT_COUNTS(controller.avoid.tau_s, 0.01f);
     ASSERT_COUNTS(controller.avoid.a_brake_mps2, 5.0f);
     ASSERT_COUNTS(controller.avoid.sigma_pose_m, 0.001f);
+    ASSERT_COUNTS(controller.avoid.paced, !made.controller.avoid.paced);
     ASSERT_COUNTS(regions.body_m, 0.26f);
     ASSERT_COUNTS(regions.conservative_m, 2.1f);
     ASSERT_COUNTS(regions.regulated_m, 0.31f);

@@ -72,15 +72,14 @@ static void step(void) {
 }
 
 static void expect_none(uint32_t i) {
-    berth_sample_t beyond;
-    TEST_ASSERT_FALSE(lookahead_exit(&obstacles.slots[i], &plan, &reference, &beyond));
+    TEST_ASSERT_NULL(lookahead_exit(&obstacles.slots[i], &plan, &reference));
 }
 
 /* The exit of obstacle i is sample k of the line. */
 static void expect_exit(uint32_t i, uint32_t k) {
-    berth_sample_t beyond;
-    TEST_ASSERT_TRUE(lookahead_exit(&obstacles.slots[i], &plan, &reference, &beyond));
-    TEST_ASSERT_EQUAL_FLOAT(SPACING_M * (float)k, beyond.x_m);
+    const berth_sample_t *beyond = lookahead_exit(&obstacles.slots[i], &plan, &reference);
+    TEST_ASSERT_NOT_NULL(beyond);
+    TEST_ASSERT_EQUAL_FLOAT(SPACING_M * (float)k, beyond->x_m);
 }
 
 static void test_exit_is_found_at_the_start(void) {
@@ -393,15 +392,15 @@ static void compare(watch_t *watch, uint32_t i) {
     /* each turn gains on the reference; the plan's last row ends a turn early */
     const uint32_t catch_up = 2u * turns * (BERTH_SCAN_AHEAD / (BERTH_SCAN_PER_STEP_MIN / 2) + 1u);
     const berth_obstacle_slot_t *slot = &obstacles.slots[i];
-    berth_sample_t beyond;
+    const berth_sample_t *beyond = lookahead_exit(slot, &plan, &reference);
     follow(watch, i);
-    if (!lookahead_exit(slot, &plan, &reference, &beyond)) {
+    if (beyond == NULL) {
         watch->agreed += watch->expected[i] < 0;
         watch->behind += watch->expected[i] >= 0;
         TEST_ASSERT_TRUE(watch->expected[i] < 0 || watch->known[i] <= catch_up);
     } else if ((int32_t)(slot->memory.cursor - reference.total) > 0) {
         watch->agreed++;
-        TEST_ASSERT_TRUE(is_sample(&beyond, watch->expected[i]));
+        TEST_ASSERT_TRUE(is_sample(beyond, watch->expected[i]));
     } else {
         watch->behind++;
         watch->known[i] = 0;
@@ -435,10 +434,9 @@ static uint32_t samples_looked_at(void) {
     uint32_t from[BERTH_OBSTACLES_MAX];
     bool found[BERTH_OBSTACLES_MAX];
     uint32_t looked_at = 0;
-    berth_sample_t beyond;
     for (uint32_t i = 0; i < obstacles.count; i++) {
         from[i] = obstacles.slots[i].memory.cursor;
-        found[i] = lookahead_exit(&obstacles.slots[i], &plan, &reference, &beyond);
+        found[i] = lookahead_exit(&obstacles.slots[i], &plan, &reference) != NULL;
     }
     lookahead_advance(&avoid, &obstacles, &plan, &reference, &pose);
     for (uint32_t i = 0; i < obstacles.count; i++) {
@@ -447,7 +445,7 @@ static uint32_t samples_looked_at(void) {
         if (to != from[i]) {
             looked_at += to - (passed ? reference.total : from[i]);
         }
-        if (lookahead_exit(&obstacles.slots[i], &plan, &reference, &beyond)) {
+        if (lookahead_exit(&obstacles.slots[i], &plan, &reference) != NULL) {
             looked_at += !found[i] || (passed && to != from[i]);
         }
     }

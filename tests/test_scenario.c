@@ -105,6 +105,7 @@ static const char full[] =
     "  strategy: conservative\n"
     "  skirt_m: 0.03\n"
     "  v_creep_mps: 0.1\n"
+    "  paced: false\n"
     "obstacles:\n"
     "  - {x_m: 1, y_m: 2, hard_m: 0.1, conservative_m: 0.2, regulated_m: 0.5}\n"
     "  - regulated_m: 0.6\n"
@@ -150,6 +151,7 @@ static void test_every_key_arrives(void) {
     TEST_ASSERT_EQUAL_STRING("conservative", scenario.avoidance.strategy);
     assert_same(0.03, scenario.avoidance.skirt_m);
     assert_same(0.1, scenario.avoidance.v_creep_mps);
+    TEST_ASSERT_FALSE(scenario.avoidance.paced);
     TEST_ASSERT_EQUAL_UINT(2, scenario.obstacle_count);
     const scenario_obstacle_t obstacles[] = {{1, 2, 0.1, 0.2, 0.5}, {-3, -4, 0.15, 0.3, 0.6}};
     TEST_ASSERT_EQUAL_MEMORY(obstacles, scenario.obstacles, sizeof obstacles);
@@ -182,6 +184,7 @@ static void test_defaults(void) {
     TEST_ASSERT_EQUAL_STRING("combined", scenario.avoidance.strategy);
     assert_same(0.02, scenario.avoidance.skirt_m);
     assert_same(0.05, scenario.avoidance.v_creep_mps);
+    TEST_ASSERT_TRUE(scenario.avoidance.paced);
     TEST_ASSERT_EQUAL_UINT(0, scenario.obstacle_count);
     const scenario_plant_t plant = {.radius_scale = 1, .track_scale = 1};
     TEST_ASSERT_EQUAL_MEMORY(&plant, &scenario.plant, sizeof plant);
@@ -462,6 +465,7 @@ static void assert_round_trip(void) {
     TEST_ASSERT_EQUAL_MEMORY(scenario.mpc.r, back.mpc.r, sizeof back.mpc.r);
     assert_same(scenario.avoidance.skirt_m, back.avoidance.skirt_m);
     assert_same(scenario.avoidance.v_creep_mps, back.avoidance.v_creep_mps);
+    TEST_ASSERT_EQUAL(scenario.avoidance.paced, back.avoidance.paced);
     if (scenario.obstacle_count > 0) {
         TEST_ASSERT_EQUAL_MEMORY(scenario.obstacles, back.obstacles,
                                  scenario.obstacle_count * sizeof back.obstacles[0]);

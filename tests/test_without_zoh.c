@@ -1,6 +1,9 @@
-/* The library without the zero-order hold (BERTH_WITHOUT_ZOH). */
+/* The library without the zero-order hold (BERTH_WITHOUT_ZOH) and without pace
+ * (BERTH_WITHOUT_PACE). */
 #include "support.h"
 #include "unity.h"
+
+#include <math.h>
 
 static support_plan_t shape;
 static berth_refusal_t refusal;
@@ -36,9 +39,31 @@ static void test_computes_gains_without_it(void) {
     TEST_ASSERT_EQUAL_FLOAT(0.0f, gain.k[1][0]);
 }
 
+/* Towards an obstacle beside the robot the turn ends in one period, paced or not. */
+static void test_keeps_no_pace(void) {
+    for (int paced = 0; paced < 2; paced++) {
+        berth_controller_t controller;
+        berth_command_t command;
+        berth_config_t config = berth_config_default(0.05f, 0.3f);
+        const berth_obstacle_t obstacle = {0.9f, 0.15f, 0.1f, 0.4f, 2.0f};
+        const berth_pose_t pose = {.x_m = 0.0f};
+        config.avoid.tau_s = 0.2f;
+        config.avoid.paced = paced != 0;
+        TEST_ASSERT_EQUAL_INT(BERTH_OK,
+                              berth_controller_init(&controller, &shape.plan, &config, &refusal));
+        TEST_ASSERT_EQUAL_INT(BERTH_OK,
+                              berth_controller_add_obstacle(&controller, &obstacle, &refusal));
+        TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_controller_start(&controller, 0));
+        TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_controller_step(&controller, 0, &pose, &command));
+        TEST_ASSERT_EQUAL_INT(BERTH_MODE_REGULATED, berth_controller_status(&controller)->mode);
+        TEST_ASSERT_EQUAL_FLOAT(3.0f, fabsf(command.twist.omega_radps));
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_refuses_plans_with_it);
     RUN_TEST(test_computes_gains_without_it);
+    RUN_TEST(test_keeps_no_pace);
     return UNITY_END();
 }

@@ -20,6 +20,16 @@
  * about the radius, and the choice must not be made anew each time. */
 #define SIDE_RELEASE_M 0.1f
 
+/* A paced robot is where the reference leaves the obstacle's regulated radius by a fifth of the
+ * time before the reference is: a robot that comes late has no speed left to make it good. */
+#define PACE 1.25f
+
+#ifdef BERTH_WITHOUT_PACE
+#define WITH_PACE 0
+#else
+#define WITH_PACE 1
+#endif
+
 /* An active obstacle as the robot sees it. */
 typedef struct {
     float centre_rad; /* direction of its centre, relative to the heading */
@@ -28,12 +38,18 @@ typedef struct {
     berth_obstacle_slot_t *slot;
 } cone_t;
 
+/* Free turn to one side, and what bounds it. */
+typedef struct {
+    float room_rad;     /* >= 0 */
+    const cone_t *cone; /* only where room < pi */
+} side_t;
+
 /* What a step sees. */
 typedef struct {
     cone_t cones[BERTH_OBSTACLES_MAX];
     uint32_t count;
-    float room_left_rad; /* free turn to the left, and to the right: >= 0, while free */
-    float room_right_rad;
+    side_t left; /* while free */
+    side_t right;
     bool free;         /* the heading is free of all active obstacles */
     bool conservative; /* within the conservative radius of some obstacle */
     bool unseen;       /* there is an active one that the look-ahead has not begun with */
@@ -132,13 +148,14 @@ static inline void see(const berth_avoid_t *avoid, view_t *view, cone_t *cone) {
         view->conservative = true;
     }
     const float gap = fabsf(cone->centre_rad) - half;
-    const float room = maximum(gap - BERTH_EDGE_MARGIN_RAD, 0.0f);
     if (gap < -BERTH_FREE_TOLERANCE_RAD) {
         view->free = false;
-    } else if (cone->centre_rad > 0.0f) {
-        view->room_left_rad = minimum(view->room_left_rad, room);
-    } else {
-        view->room_right_rad = minimum(view->room_right_rad, room);
+        return;
+    }
+    const float room = maximum(gap - BERTH_EDGE_MARGIN_RAD, 0.0f);
+    side_t *side = cone->centre_rad > 0.0f ? &view->left : &view->right;
+    if (room < side->room_rad) {
+        *side = (side_t){room, cone};
     }
 }
 
@@ -148,8 +165,8 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
     const float y_m = pose->y_m;
     cone_t *cone = view->cones;
     float clearance_m = BERTH_RADIUS_MAX_M;
-    view->room_left_rad = BERTH_PI;
-    view->room_right_rad = BERTH_PI;
+    view->left.room_rad = BERTH_PI;
+    view->right.room_rad = BERTH_PI;
     view->free = true;
     view->conservative = false;
     view->unseen = false;
@@ -218,42 +235,23 @@ static float free_edge(const view_t *view, float direction) {
 static const cone_t *deciding_cone(const view_t *view, float left_rad, float right_rad) {
     const cone_t *nearest = NULL;
     const cone_t *kept = NULL;
-    float nearest_m = 0.0f;
-    float kept_m = 0.0f;
+    float nearest_m = BERTH_RADIUS_MAX_M; /* further than any active one: C > 0 */
+    float kept_m = nearest_m;
     for (uint32_t i = 0; i < view->count; i++) {
         const cone_t *cone = &view->cones[i];
         const float distance = cone->distance_m - cone->slot->obstacle.conservative_m;
         const bool ahead = fabsf(cone->centre_rad) - cone->half_rad < -BERTH_FREE_TOLERANCE_RAD;
         const bool between = cone->centre_rad < left_rad && cone->centre_rad > -right_rad;
-        if (ahead && (nearest == NULL || distance < nearest_m)) {
+        if (ahead && distance < nearest_m) {
             nearest = cone;
             nearest_m = distance;
         }
-        if (between && cone->slot->memory.side != 0 && (kept == NULL || distance < kept_m)) {
+        if (between && cone->slot->memory.side != 0 && distance < kept_m) {
             kept = cone;
             kept_m = distance;
         }
     }
     return kept != NULL ? kept : nearest;
-}
-
-/* Side that the plan asks for: the way round the obstacle to the reference's first sample beyond
- * it. 0 when the look-ahead has not found one. */
-static int8_t planned_side(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
-                           const berth_reference_t *reference, const berth_pose_t *pose) {
-    berth_sample_t beyond;
-    if (!lookahead_exit(slot, plan, reference, &beyond)) {
-        return 0;
-    }
-    const float robot_x = pose->x_m - slot->obstacle.x_m;
-    const float robot_y = pose->y_m - slot->obstacle.y_m;
-    const float exit_x = beyond.x_m - slot->obstacle.x_m;
-    const float exit_y = beyond.y_m - slot->obstacle.y_m;
-    const float cross = robot_x * exit_y - robot_y * exit_x;
-    if (cross > 0.0f) {
-        return -1; /* counter-clockwise about the obstacle: it stays on the robot's left */
-    }
-    return cross < 0.0f ? 1 : 0;
 }
 
 /* Everything a step works on. */
@@ -264,8 +262,57 @@ typedef struct {
     const berth_pose_t *pose;
 } scene_t;
 
-/* Least speed that keeps the robot going round. */
-static float skirting_speed(const scene_t *scene, float v_mps) {
+/* Side that the plan asks for: the way round the obstacle to the reference's first sample beyond
+ * it. 0 when the look-ahead has not found one. */
+static int8_t planned_side(const scene_t *scene, const berth_obstacle_slot_t *slot) {
+    const berth_sample_t *beyond = lookahead_exit(slot, scene->plan, scene->reference);
+    if (beyond == NULL) {
+        return 0;
+    }
+    const float robot_x = scene->pose->x_m - slot->obstacle.x_m;
+    const float robot_y = scene->pose->y_m - slot->obstacle.y_m;
+    const float exit_x = beyond->x_m - slot->obstacle.x_m;
+    const float exit_y = beyond->y_m - slot->obstacle.y_m;
+    const float cross = robot_x * exit_y - robot_y * exit_x;
+    if (cross > 0.0f) {
+        return -1; /* counter-clockwise about the obstacle: it stays on the robot's left */
+    }
+    return cross < 0.0f ? 1 : 0;
+}
+
+/* Speed with which the robot is at the exit a little before the reference is. */
+static float paced_speed(const scene_t *scene, const berth_obstacle_slot_t *slot,
+                         const berth_sample_t *beyond) {
+    const int32_t ahead = (int32_t)(slot->memory.cursor - scene->reference->total);
+    if (ahead <= 0) {
+        return scene->avoid->v_max_mps;
+    }
+    const float dx = beyond->x_m - scene->pose->x_m;
+    const float dy = beyond->y_m - scene->pose->y_m;
+    return PACE * sqrtf(dx * dx + dy * dy) / ((float)ahead * scene->avoid->period_s);
+}
+
+/* Whether the drives' delay is reckoned with: not where the robot stands to turn. */
+static bool is_paced(const berth_avoid_t *avoid, const view_t *view) {
+    return WITH_PACE && avoid->config.paced && !view->conservative;
+}
+
+/* Time that turns to a cone's edge are planned over. */
+static float turn_time(const berth_avoid_t *avoid, const view_t *view) {
+    return is_paced(avoid, view) ? avoid->period_s + avoid->config.tau_s : avoid->period_s;
+}
+
+/* Speed that keeps the robot going round the obstacle that bounds its turn. */
+static float skirting_speed(const scene_t *scene, const view_t *view, const side_t *bound,
+                            float v_mps) {
+    if (is_paced(scene->avoid, view) && scene->avoid->config.tau_s > 0.0f &&
+        bound->room_rad < BERTH_PI) {
+        const berth_obstacle_slot_t *slot = bound->cone->slot;
+        const berth_sample_t *beyond = lookahead_exit(slot, scene->plan, scene->reference);
+        if (beyond != NULL) {
+            return paced_speed(scene, slot, beyond);
+        }
+    }
     const berth_plan_t *plan = scene->plan;
     const uint32_t index = scene->reference->index;
     const float v_r = index < plan->count ? plan->samples[index].v_mps : 0.0f;
@@ -274,17 +321,14 @@ static float skirting_speed(const scene_t *scene, float v_mps) {
 
 /* The heading is free: keep it free. */
 static berth_mode_t keep_free(const scene_t *scene, const view_t *view, berth_twist_t *command) {
-    const float turn = command->omega_radps * scene->avoid->period_s;
-    float clamped;
-    if (turn > view->room_left_rad) {
-        clamped = view->room_left_rad;
-    } else if (turn < -view->room_right_rad) {
-        clamped = -view->room_right_rad;
-    } else {
+    const float turn_s = turn_time(scene->avoid, view);
+    const float turn = command->omega_radps * turn_s;
+    const side_t *bound = turn > 0.0f ? &view->left : &view->right;
+    if (fabsf(turn) <= bound->room_rad) {
         return BERTH_MODE_TRACK;
     }
-    command->omega_radps = clamped / scene->avoid->period_s;
-    command->v_mps = skirting_speed(scene, command->v_mps);
+    command->omega_radps = (turn > 0.0f ? bound->room_rad : -bound->room_rad) / turn_s;
+    command->v_mps = skirting_speed(scene, view, bound, command->v_mps);
     return view->conservative ? BERTH_MODE_CONSERVATIVE_GO : BERTH_MODE_REGULATED;
 }
 
@@ -311,7 +355,7 @@ static int8_t choose_side(const scene_t *scene, const view_t *view, float left_r
         side = slot->memory.side;
     }
     if (side == 0) {
-        side = planned_side(slot, scene->plan, scene->reference, scene->pose);
+        side = planned_side(scene, slot);
     }
     if (side == 0) {
         side = left_rad <= right_rad ? 1 : -1;
@@ -332,7 +376,7 @@ static berth_mode_t turn_free(const scene_t *scene, const view_t *view, berth_tw
     }
     const int8_t side = choose_side(scene, view, left, right);
     const float turn = (side > 0 ? left : right) + BERTH_EDGE_MARGIN_RAD;
-    const float omega = minimum(turn / avoid->period_s, avoid->omega_max_radps);
+    const float omega = minimum(turn / turn_time(avoid, view), avoid->omega_max_radps);
     command->omega_radps = (float)side * omega;
     if (view->conservative) {
         command->v_mps = 0.0f;

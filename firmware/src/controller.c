@@ -28,6 +28,7 @@ berth_config_t berth_config_default(float wheel_radius_m, float track_m) {
             {
                 .skirt_m = 0.02f,
                 .v_creep_mps = 0.05f,
+                .paced = true,
             },
     };
 }

@@ -47,7 +47,8 @@ static uint32_t add_controller(uint32_t crc, const berth_controller_t *controlle
         controller->tracker.rim_change_max_mps2,
     };
     crc = ADD_FLOATS(crc, values);
-    return add_word(crc, controller->tracker.api != NULL ? 1u : 0u);
+    const uint32_t words[] = {controller->tracker.api != NULL, avoid->paced};
+    return ADD_WORDS(crc, words);
 }
 
 static uint32_t add_obstacles(uint32_t crc, const berth_obstacles_t *obstacles) {

@@ -131,10 +131,10 @@ void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const
     avoid->scan_next = (uint8_t)next;
 }
 
-bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
-                    const berth_reference_t *reference, berth_sample_t *beyond) {
+const berth_sample_t *lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
+                                     const berth_reference_t *reference) {
     if (slot->memory.scan != SCAN_FOUND) {
-        return false;
+        return NULL;
     }
     int32_t k = (int32_t)slot->memory.cursor; /* an open plan counts samples from its start */
     if (plan->closed) {
@@ -144,6 +144,5 @@ bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
         k = ((int32_t)reference->index + offset(slot, reference)) % count;
         k = k < 0 ? k + count : k;
     }
-    *beyond = plan->samples[k];
-    return true;
+    return &plan->samples[k];
 }

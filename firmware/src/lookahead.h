@@ -19,8 +19,8 @@ void lookahead_start(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const b
 void lookahead_advance(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth_plan_t *plan,
                        const berth_reference_t *reference, const berth_pose_t *pose);
 
-/* The sample beyond the obstacle; false while none is known. */
-bool lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
-                    const berth_reference_t *reference, berth_sample_t *beyond);
+/* The sample beyond the obstacle; NULL while none is known. */
+const berth_sample_t *lookahead_exit(const berth_obstacle_slot_t *slot, const berth_plan_t *plan,
+                                     const berth_reference_t *reference);
 
 #endif

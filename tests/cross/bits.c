@@ -228,6 +228,7 @@ static void closed_loop(const char *name, bool limited) {
         config.limits.a_max_mps2 = 2.0f;
         config.limits.wheel_speed_max_radps = 14.0f;
         config.avoid.a_brake_mps2 = 2.0f;
+        config.avoid.tau_s = 0.05f; /* paced */
     }
     berth_refusal_t refusal;
     require(berth_controller_init(&state.controller, &plan, &config, &refusal));

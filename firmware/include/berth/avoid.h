@@ -12,6 +12,17 @@
  *     (CONSERVATIVE_TURN);
  *   no free heading: stop (BLOCKED), for as long as that holds.
  *
+ * Pace. Drives with delay make the robot overshoot a turn that is meant to end within one period:
+ * it swings about the edge, and dips into C. And a tracking error that is as large as the obstacle
+ * says nothing about the speed: a robot that has come round too early turns back to a reference
+ * that is still inside. With paced set and tau > 0, while no active obstacle is within its C,
+ *   - turns to or along a cone's edge are planned over T + tau instead of T;
+ *   - the robot skirts with the speed that brings it to the reference's first sample beyond the
+ *     obstacle (see BERTH_SCAN_AHEAD), as the crow flies, in 4/5 of the time that the reference
+ *     still needs, and with v_max once the reference is there. Where no such sample is known, the
+ *     speed is the one without pace.
+ * Compiled with BERTH_WITHOUT_PACE the flag has no effect, which saves some 200 bytes of flash.
+ *
  * Clearance theorem. Let obstacles stand still, commands be executed exactly, |v| <= v_max,
  * omega_max T <= pi/2 and C - R >= v_max T for each obstacle. If the robot starts outside all hard
  * radii, it stays outside, between the control instants too, however many obstacles there are and
@@ -34,10 +45,12 @@
  *  (c) The obstacle is not active: it is further away than G >= C, and the robot covers at most
  *      v_max T.
  * In (b) and (c) it ends at C - v_max T >= R or further; in (a) it comes no nearer than it was, or
- * than S. By induction d >= R always. Speed limits applied afterwards shrink the turn, which keeps
- * it within the free interval, and the speed. Acceleration limits are outside the proof, as all
- * delay is: a_max belongs into a_brake (demanded), and where alpha_max is set the time from full
- * turn one way to full turn the other, 2 omega_max / alpha_max, is added to tau in the condition.
+ * than S. By induction d >= R always. None of this depends on how far towards the edge of the free
+ * interval a turn goes, nor, up to v_max, on the speed: pace chooses only these. Speed limits
+ * applied afterwards shrink the turn, which keeps it within the free interval, and the speed.
+ * Acceleration limits are outside the proof, as all delay is: a_max belongs into a_brake
+ * (demanded), and where alpha_max is set the time from full turn one way to full turn the other, 2
+ * omega_max / alpha_max, is added to tau in the condition.
  *
  * Tolerance. The angles carry rounding errors of up to 5e-6 rad within 16 m of the origin. A turn
  * is clamped BERTH_EDGE_MARGIN_RAD short of a cone's edge and a turn to an edge goes that much
@@ -96,6 +109,7 @@ typedef struct {
     float a_brake_mps2; /* braking that the drives are sure of: 0 (unlimited), or 0.001 to 1000;
                              with limits.a_max_mps2 set: 0.001 to that */
     float sigma_pose_m; /* standard deviation of the measured position: 0 to 1 */
+    bool paced;         /* see "Pace" above; without delay, tau_s = 0, it changes nothing */
 } berth_avoid_config_t;
 
 /* Configuration with what follows from it, and the state that is not one obstacle's. */
