@@ -17,8 +17,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* MISRA T2 in this file. */
-
 #ifdef __cplusplus
 extern "C" {
 #endif
