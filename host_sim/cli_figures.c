@@ -152,7 +152,6 @@ static bool write_scene(const char *name, const char *path, const scenario_t *sc
 
 /* Runs the plot script and waits. Its output goes to stderr: stdout is for the summary. */
 static bool plot(const char *name, char *scene_path) {
-    extern char **environ;
     char *python = strdup(plot_python());
     char *script = strdup(plot_script());
     char *arguments[] = {python, script, scene_path, NULL};

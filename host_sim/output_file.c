@@ -74,6 +74,7 @@ bool output_file_commit(output_file_t *out, scenario_error_t *error) {
         forget(out);
         return true;
     }
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Errno): it was 0, and what failed last has set it */
     refuse(error, out->path, errno != 0 ? errno : EIO);
     output_file_discard(out);
     return false;

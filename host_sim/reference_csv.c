@@ -47,10 +47,12 @@ typedef enum { LINE_READ, LINE_END, LINE_TOO_LONG, LINE_ZERO_BYTE } line_t;
 /* One line without its end (LF or CR LF). */
 static line_t read_line(FILE *file, char line[LINE_MAX_BYTES]) {
     size_t length = 0;
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Stream): past the end it is EOF again */
     int c = fgetc(file);
     if (c == EOF) {
         return LINE_END;
     }
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Stream): EOF ends the loop */
     for (; c != EOF && c != '\n'; c = fgetc(file)) {
         if (c == '\0') {
             return LINE_ZERO_BYTE;
@@ -153,6 +155,7 @@ static bool check_header(FILE *file, const char *path, scenario_error_t *error) 
 
 /* Only the last line may be blank. */
 static bool refuse_blank(const reference_rows_t *rows, FILE *file, scenario_error_t *error) {
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Stream): past the end it is EOF again */
     return fgetc(file) == EOF || refuse(error,
                                         "%s:%zu: column 1 (t): blank line between rows "
                                         "(allowed: " HEADER ")",
@@ -243,6 +246,7 @@ static float wrapped(double theta) {
 
 static bool make_samples(const reference_rows_t *rows, reference_samples_t *out,
                          scenario_error_t *error) {
+    /* NOLINTNEXTLINE(clang-analyzer-optin.portability.UnixAPI): there are rows, else refused */
     berth_sample_t *samples = calloc(rows->count, sizeof *samples);
     if (samples == NULL) {
         return refuse(error, "%s: out of memory", rows->path);

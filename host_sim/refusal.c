@@ -24,7 +24,10 @@ const char *refusal_excerpt(const char *text, char *out, size_t size) {
     }
     for (size_t i = 0; i < length; i++) {
         const unsigned char c = (unsigned char)text[i];
-        out[i] = c < 0x20u || c == 0x7Fu ? '?' : text[i];
+        out[i] = text[i];
+        if (c < 0x20u || c == 0x7Fu) {
+            out[i] = '?';
+        }
     }
     memcpy(out + length, cut ? "..." : "", cut ? 4 : 1);
     return out;

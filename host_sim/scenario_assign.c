@@ -225,6 +225,7 @@ static bool assign_list(const scenario_key_t *key, double *target, const char *t
 bool scenario_key_assign_text(const scenario_key_t *key, scenario_t *scenario, size_t index,
                               const char *text, char what[KEY_WHAT_MAX]) {
     if (key->count > 1) {
+        /* NOLINTNEXTLINE(bugprone-casting-through-void): the table of keys has doubles there */
         return assign_list(key, (double *)(void *)((char *)scenario + key->offset), text, what);
     }
     return scenario_key_assign(key, scenario, index, 0, (key_value_t){text, false}, what);

@@ -377,7 +377,8 @@ static bool load_top(loader_t *loader) {
 
 /* One document and nothing after it. */
 static bool load_document(loader_t *loader) {
-    if (!next_event(loader) || !next_event(loader)) { /* the stream, the document */
+    /* NOLINTNEXTLINE(misc-redundant-expression): each takes one: the stream, the document */
+    if (!next_event(loader) || !next_event(loader)) {
         return false;
     }
     if (loader->event.type != YAML_DOCUMENT_START_EVENT) {

@@ -110,19 +110,19 @@ static int complain(const char *text, int status) {
     return status;
 }
 
-static void usage_and_exit(void) {
+static _Noreturn void usage_and_exit(void) {
     fputs("Try 'berth-gen --help' for more information.\n", stderr);
     exit(STATUS_USAGE);
 }
 
-static void refuse_and_exit(const char *option, const char *value, const char *what) {
+static _Noreturn void refuse_and_exit(const char *option, const char *value, const char *what) {
     char excerpt[REFUSAL_EXCERPT_MAX];
     fprintf(stderr, "berth-gen: %s: '%s' %s\n", option,
             refusal_excerpt(value, excerpt, sizeof excerpt), what);
     usage_and_exit();
 }
 
-static void print_and_exit(const char *text) {
+static _Noreturn void print_and_exit(const char *text) {
     const bool written = fputs(text, stdout) != EOF && fflush(stdout) == 0;
     exit(written ? STATUS_OK : STATUS_FAILED);
 }

@@ -72,7 +72,11 @@ static void plain_copy(const char *text, size_t length, const char *also, char *
     for (size_t i = 0; i < length && n + 1 < size; i++) {
         const char c = text[i];
         const bool plain = is_letter(c) || is_digit(c) || strchr(also, c) != NULL;
-        out[n++] = plain ? c : '_';
+        out[n] = '_';
+        if (plain) {
+            out[n] = c;
+        }
+        n++;
     }
     out[n] = '\0';
 }

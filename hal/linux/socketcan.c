@@ -482,6 +482,7 @@ static int read_message(socketcan_t *bus, message_t *message) {
                             .msg_iovlen = 1,
                             .msg_control = &control,
                             .msg_controllen = sizeof control};
+    /* NOLINTNEXTLINE(clang-analyzer-unix.StdCLibraryFunctions): the bus is open */
     const ssize_t got = recvmsg(bus->fd, &header, 0);
     if (got < 0) {
         return errno;

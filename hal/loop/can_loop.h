@@ -235,12 +235,12 @@ berth_clock_t can_loop_clock(can_loop_t *loop);
 
 /* Depths of a node's queues, 1 to their capacities (else clamped to it). Frames beyond are dropped
  * and counted. */
-void can_loop_depths(can_loop_t *loop, uint32_t node, uint32_t tx, uint32_t rx);
+void can_loop_depths(can_loop_t *loop, uint32_t number, uint32_t tx, uint32_t rx);
 
 /* Adds a receive filter; a node with filters gets only frames that one of them wants. False when
  * there is no place left. can_loop_filter_clear: everything again. */
 bool can_loop_filter(can_loop_t *loop, uint32_t node, const berth_can_filter_t *filter);
-void can_loop_filter_clear(can_loop_t *loop, uint32_t node);
+void can_loop_filter_clear(can_loop_t *loop, uint32_t number);
 
 /* Faults by rule, by hook. A rule is refused (false) when there is no place left or when its
  * probability is not in 0 to 1. */
@@ -250,19 +250,19 @@ void can_loop_fault(can_loop_t *loop, can_loop_fault_t fault, void *context);
 
 /* The interface is switched off and on. Off: waiting frames are dropped and counted; a frame that
  * it is just sending ends in an error frame. On: error active. */
-void can_loop_down(can_loop_t *loop, uint32_t node);
-void can_loop_up(can_loop_t *loop, uint32_t node);
+void can_loop_down(can_loop_t *loop, uint32_t number);
+void can_loop_up(can_loop_t *loop, uint32_t number);
 
 /* The controller withdraws, as when its transmit error counter passes 255; waiting frames are
  * dropped and counted. It comes back 128 * 11 bit times after can_loop_recover, or by itself that
  * long after delay_us where can_loop_auto_recover has set one (negative: not by itself). */
-void can_loop_bus_off(can_loop_t *loop, uint32_t node);
-void can_loop_recover(can_loop_t *loop, uint32_t node);
-void can_loop_auto_recover(can_loop_t *loop, uint32_t node, int64_t delay_us);
+void can_loop_bus_off(can_loop_t *loop, uint32_t number);
+void can_loop_recover(can_loop_t *loop, uint32_t number);
+void can_loop_auto_recover(can_loop_t *loop, uint32_t number, int64_t delay_us);
 
 /* The wire between the node and the bus is cut, or mended. The node neither hears nor is heard; it
  * is error passive once it has tried to send, since nobody acknowledges. */
-void can_loop_cut(can_loop_t *loop, uint32_t node, bool cut);
+void can_loop_cut(can_loop_t *loop, uint32_t number, bool cut);
 
 /* The node sends this frame over and over, as fast as the bus lets it, until until_us; its own
  * frames wait meanwhile. False for a frame that breaks the contract. */

@@ -98,7 +98,7 @@ static void write_filters(const fdcan_t *can, const berth_can_filter_t *filters,
     for (uint32_t i = 0; i < filter_count; i++) {
         const berth_can_filter_t *filter = &filters[i];
         if (filter->extended) {
-            stm32_write(&ram->flesa[2u * extended],
+            stm32_write(&ram->flesa[2u * (size_t)extended],
                         stm32_put(FDCAN_EXTENDED0_EFEC, STORE_IN_FIFO0) |
                             stm32_put(FDCAN_EXTENDED0_EFID1, filter->id));
             stm32_write(&ram->flesa[2u * extended + 1u],
@@ -330,7 +330,7 @@ static berth_can_outcome_t send(void *context, const berth_can_frame_t *frame) {
     if (buffer == FDCAN_TX_BUFFERS) {
         return BERTH_CAN_AGAIN;
     }
-    volatile uint32_t *element = &can->ram->txbuf[buffer * FDCAN_ELEMENT_WORDS];
+    volatile uint32_t *element = &can->ram->txbuf[(size_t)buffer * FDCAN_ELEMENT_WORDS];
     stm32_can_pack(frame, words);
     stm32_write(&element[0], word);
     stm32_write(&element[1], stm32_put(FDCAN_ELEMENT1_DLC, frame->length));
@@ -409,7 +409,7 @@ static void take_frames(fdcan_t *can, int64_t time_us) {
         berth_can_frame_t *place = stm32_can_ring_place(&can->received);
         if (place != NULL && index < FDCAN_RX_ELEMENTS) {
             place->time_us = time_us;
-            read_frame(&can->ram->rxfifo0[index * FDCAN_ELEMENT_WORDS], place);
+            read_frame(&can->ram->rxfifo0[(size_t)index * FDCAN_ELEMENT_WORDS], place);
             stm32_can_ring_put(&can->received);
         } else {
             stm32_can_count(&can->rx_lost);

@@ -126,6 +126,7 @@ char *board_recipe_text(const board_recipe_t *recipe, scenario_error_t *error) {
 /* Set-up text is a line for each option, so that no word in it needs quoting. */
 #define OPTIONS_MAX 64
 
+/* NOLINTNEXTLINE(readability-non-const-parameter): the type is that of the C library */
 static error_t parse_nothing(int key, char *argument, struct argp_state *state) {
     board_recipe_t *recipe = state->input;
     (void)argument;

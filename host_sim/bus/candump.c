@@ -26,10 +26,10 @@ static bool parse_time(const char **at, int64_t *time_us) {
     const char *text = *at;
     int64_t seconds = 0;
     int64_t micros = 0;
-    if (*text++ != '(' || !isdigit((unsigned char)*text)) {
+    if (text[0] != '(' || !isdigit((unsigned char)text[1])) {
         return false;
     }
-    for (; isdigit((unsigned char)*text); text++) {
+    for (text++; isdigit((unsigned char)*text); text++) {
         seconds = seconds * 10 + (*text - '0');
         if (seconds >= SECONDS_MAX) {
             return false;

@@ -15,7 +15,6 @@ typedef struct {
     int64_t min, max; /* of values written */
 } object_t;
 
-#define FULL_U32 0, 4294967295
 #define FULL_I32 -2147483648LL, 2147483647
 #define NO_RANGE 0, 0
 #define MODES ((1u << 2) | (1u << 8)) /* profile velocity, cyclic synchronous velocity */

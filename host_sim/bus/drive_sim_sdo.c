@@ -68,7 +68,7 @@ static void upload(drive_sim_t *sim, uint32_t multiplexer) {
         return;
     }
     drive_sim_cia402_state_t *state = &sim->state.cia402;
-    berth_can_frame_t frame = response(sim, SCS_UPLOAD | SIZE_TOLD, multiplexer);
+    berth_can_frame_t frame = response(sim, (uint8_t)SCS_UPLOAD | (uint8_t)SIZE_TOLD, multiplexer);
     if (size == 0) {
         state->uploading = true;
         state->toggle = false;

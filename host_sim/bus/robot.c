@@ -248,6 +248,7 @@ void bus_robot_sent(bus_robot_t *robot) {
         robot->last_drive = robot->source;
         break;
     case FROM_NOBODY:
+    default:
         break;
     }
     robot->source = FROM_NOBODY;

@@ -181,6 +181,7 @@ static void operate(session_t *session) {
         watch_idle(session, state == BERTH_SUPERVISOR_IDLE);
         break;
     case OVER:
+    default:
         break;
     }
 }
