@@ -51,8 +51,7 @@ static uint64_t turn_window(uint32_t exponent) {
     const uint32_t first = exponent - FAR_EXPONENT_MIN;
     const uint32_t *words = &TURN_BITS[first / 32u];
     const uint32_t shift = first % 32u;
-    /* NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): far from 0, so first >= 0
-     */
+    /* NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): first is not < 0 */
     const uint64_t high = (((uint64_t)words[0] << 32) | words[1]) << shift;
     const uint64_t low = (((uint64_t)words[1] << 32) | words[2]) << shift;
     return (high & 0xffffffff00000000u) | (low >> 32);

@@ -40,6 +40,7 @@ static void advance(reader_t *reader) {
     do {
         errno = 0;
         if (reader->ended || getline(&reader->text, &reader->text_size, reader->file) < 0) {
+            /* NOLINTNEXTLINE(clang-analyzer-unix.Stream): replay_file closes it */
             if (!reader->ended && ferror(reader->file) != 0) {
                 break_off(reader, strerror(errno));
             }
@@ -51,6 +52,7 @@ static void advance(reader_t *reader) {
     if (strchr(reader->text, '\n') == NULL) {
         reader->ended = true; /* the last line of a board that lost its power is half of one */
     } else if (!candump_parse(reader->text, &reader->ahead, why)) {
+        /* NOLINTNEXTLINE(clang-analyzer-unix.Malloc): replay_file frees it */
         break_off(reader, why);
     }
 }
@@ -158,6 +160,7 @@ static char *read_setup(reader_t *reader) {
 
 static bool make_board(reader_t *reader, board_host_t *host) {
     board_recipe_t recipe;
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Malloc): replay_file frees it */
     char *text = read_setup(reader);
     if (text == NULL) {
         return false;
