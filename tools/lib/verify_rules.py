@@ -3,7 +3,8 @@
   python tools/lib/verify_rules.py --out FILE [--short | --minutes M]
 
 The short form looks at the firmware and the portable HAL with clang-tidy and the compilers, the long
-one also at hal/linux, hal/mps2, the simulator and the tools. MISRA C and the budgets are whole in both. The time is what it takes.
+one also at hal/linux, hal/mps2, the simulator and the tools. MISRA C and the budgets are whole in
+both. The time is what it takes.
 """
 
 import argparse
@@ -112,10 +113,10 @@ def budget_claims():
     limits = ", ".join(f"{value} {key}" if key != "complexity" else f"complexity {value}"
                        for key, value in BUDGETS.items())
     gate = [int(value) for value in GATE_LIMIT.findall((ROOT / GATE).read_text())]
+    figure = f"{len(over)} over; worst {worst['lines']}, {worst['complexity']}, {worst['parameters']}"
     return [claim("function-budgets", f"No function of the product has more than {limits}; the gate in {GATE} has "
-                  "the same limits",
-                  f"{len(over)} over; worst {worst['lines']}, {worst['complexity']}, {worst['parameters']}",
-                  not over and gate == list(BUDGETS.values()), exact=False)], ["Functions: " + "; ".join(rows) + "."]
+                  "the same limits", figure, not over and gate == list(BUDGETS.values()), exact=False)], [
+                      "Functions: " + "; ".join(rows) + "."]
 
 
 def planted_claims():
