@@ -192,6 +192,9 @@ static void test_without_feedback_it_waits_and_says_so(void) {
     (void)say_heartbeat(0, 8, 11000);
     expect_state(BERTH_DRIVE_STARTING, BERTH_DRIVE_FAULT_NONE, 0);
     TEST_ASSERT_EQUAL(ENABLE_TIMEOUT_US + 1, berth_drive_deadline(&drive));
+    berth_outbox_clear(&outbox);
+    step_at(10000 + RETRY_US); /* it is in closed loop: nothing is asked again */
+    expect_nothing();
     step_at(ENABLE_TIMEOUT_US + 1);
     expect_state(BERTH_DRIVE_FAULT, BERTH_DRIVE_FAULT_ENABLE, BERTH_ODRIVE_NO_FEEDBACK);
 
