@@ -83,10 +83,19 @@ def test_a_planted_survivor_is_found_and_has_to_be_listed(project, capsys):
     score = claims["mutation-score"]
     assert score["exact"] and not score["holds"] and not score["figure"].startswith("100")
 
+    judged = project("alive: nobody tries it\n" + SURVIVORS, "--judge")
+    assert judged["mutation-survivors"]["holds"] and judged["mutation-score"] == score
     again = project("alive: nobody tries it\n" + SURVIVORS, "--again")
     assert again["mutation-survivors"]["holds"]
     assert again["mutation-survivors"]["figure"].startswith("2 survivors and 0 that are equivalent, 0 unlisted")
     assert not again["mutation-score"]["exact"]
+
+
+def test_what_was_found_in_other_sources_is_not_judged(project, tmp_path):
+    project("")
+    (tmp_path / "thing.c").write_text(SOURCE + "\n")
+    with pytest.raises(SystemExit):
+        project("", "--judge")
 
 
 def test_what_is_listed_as_equivalent_does_not_count_and_what_is_killed_is_stale(project, capsys):

@@ -1,6 +1,6 @@
 """Changes the firmware in one place at a time and sees whether the unit tests notice.
 
-usage: verify_mutation.py [--out FILE] [--short | --minutes M] [--module NAME]... [--again] [--jobs N]
+usage: verify_mutation.py [--out FILE] [--short | --minutes M | --judge] [--module NAME]... [--again] [--jobs N]
 
 universalmutator makes the mutants with the rules of tests/mutation/c.rules. Each is compiled alone
 into a shared object which takes the place of the firmware's own functions in the unit tests' programs
@@ -12,6 +12,8 @@ them apart.
 
 Survivors have to be in tests/mutation/survivors.txt with a reason. Without --short and --minutes
 every mutant is tried. --module limits it to some modules, --again to those that survived last time.
+--judge tries nothing: it holds what the last run found against the register as it is now, as long as
+neither the sources nor the tests have changed.
 """
 
 import argparse
@@ -39,7 +41,7 @@ BUILD = ROOT / "build" / "gcc-mutation"
 OUT = ROOT / "build" / "verify"
 RULES = ROOT / "tests" / "mutation" / "c.rules"
 REGISTER = ROOT / "tests" / "mutation" / "survivors.txt"
-LAST = OUT / "mutation-survivors.json"
+LAST = OUT / "mutation-last.json"  # what was found, and in what
 SEED = 20261
 SHORT_SAMPLE = 90
 # A test that has not ended after so long was not given the processor: that decides nothing.
@@ -298,6 +300,29 @@ def claims_of(found, complete):
     ]
 
 
+def digest():
+    """Of all that decides what a mutant comes to: the firmware, the rules, and the tests."""
+    found = hashlib.sha256(RULES.read_bytes())
+    tests = [ROOT / "tests" / f"{name}.c" for _, names in MODULES.values() for name in names]
+    for path in sorted({*SOURCES.glob("*.[ch]"), *tests}):
+        found.update(path.read_bytes() if path.exists() else b"")
+    return found.hexdigest()
+
+
+def keep(results, before):
+    found = [[*mutant.key(), mutant.line, kind] for mutant, kind in results]
+    LAST.write_text(json.dumps({"digest": before, "found": found}) + "\n")
+
+
+def kept(everything):
+    """The results of the last run, for --judge."""
+    last = json.loads(LAST.read_text())
+    if last["digest"] != digest():
+        raise SystemExit("sources or tests have changed since the last run")
+    there = {(*mutant.key(), mutant.line): mutant for mutant in everything}
+    return [(there[tuple(entry[:4])], entry[4]) for entry in last["found"]]
+
+
 def arguments(argv):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path)
@@ -305,6 +330,7 @@ def arguments(argv):
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--module", action="append", choices=sorted(MODULES))
     parser.add_argument("--again", action="store_true")
+    parser.add_argument("--judge", action="store_true")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     return parser.parse_args(argv)
 
@@ -315,17 +341,15 @@ def chosen(options, mutants):
     if options.short:
         return mutants[:SHORT_SAMPLE]
     if options.again:
-        last = {tuple(key) for key in json.loads(LAST.read_text())}
+        last = {tuple(entry[:3]) for entry in json.loads(LAST.read_text())["found"] if entry[4] in ("alive", "busy")}
         return [mutant for mutant in mutants if mutant.key() in last]
     return mutants
 
 
-def main(argv=None):
-    options = arguments(argv)
+def run(options, everything):
+    """The results, kept for --again and --judge but for those of a sample."""
     modules = options.module or list(MODULES)
-    register = Register(REGISTER.read_text(), REGISTER.name)
-    everything = all_mutants(MODULES)
-    OUT.mkdir(parents=True, exist_ok=True)
+    before = digest()
     build()
     tests = Tests(modules)
     tests.measure()
@@ -334,9 +358,19 @@ def main(argv=None):
     mutants = chosen(options, [mutant for mutant in everything if mutant.module in modules])
     end = time.monotonic() + (options.minutes * 60.0 if options.minutes else 1e9)
     results = try_all(mutants, tests, originals, options.jobs, end)
+    if before != digest():
+        raise SystemExit("sources or tests have changed during the run")
     if not options.short:
-        alive = sorted({mutant.key() for mutant, kind in results if kind in ("alive", "busy")})
-        LAST.write_text(json.dumps(alive, indent=1) + "\n")
+        keep(results, before)
+    return results
+
+
+def main(argv=None):
+    options = arguments(argv)
+    register = Register(REGISTER.read_text(), REGISTER.name)
+    everything = all_mutants(MODULES)
+    OUT.mkdir(parents=True, exist_ok=True)
+    results = kept(everything) if options.judge else run(options, everything)
     found = judge(results, register, everything)
     explain(found, register)
     claims = claims_of(found, len(results) == len(everything))
