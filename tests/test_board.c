@@ -537,6 +537,73 @@ static void test_the_count_of_missed_periods_does_not_wrap(void) {
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, berth_board_status(&rig.board)->missed);
 }
 
+/* From the smallest time to the largest: nothing overflows. */
+static void test_a_step_may_come_as_late_as_can_be(void) {
+    berth_board_step(&rig.board, 0);
+    const berth_board_status_t before = *berth_board_status(&rig.board);
+    berth_board_step(&rig.board, BERTH_TIME_MAX_US);
+    const berth_board_status_t *after = berth_board_status(&rig.board);
+    TEST_ASSERT_EQUAL_UINT32(before.late + 1, after->late);
+    TEST_ASSERT_EQUAL_INT64(BERTH_TIME_MAX_US - RIG_PERIOD_US, after->latest_us);
+    TEST_ASSERT_TRUE(rig.board.tick_us > BERTH_TIME_MAX_US);
+    TEST_ASSERT_TRUE(rig.board.tick_us <= BERTH_TIME_MAX_US + RIG_PERIOD_US);
+    TEST_ASSERT_EQUAL_INT64(0, rig.board.tick_us % RIG_PERIOD_US);
+}
+
+static void test_a_frame_from_before_the_first_instant_counts_as_now(void) {
+    const berth_pose_t pose = {0.95f, 0.0f, 1.5f};
+    berth_can_frame_t frame;
+    berth_message_encode_pose(&frame, BERTH_MESSAGE_POSE_FIX, 5, &pose);
+    frame.time_us = -1;
+    berth_board_receive(&rig.board, &frame, 500000);
+    TEST_ASSERT_EQUAL_INT64(500000, rig.board.odometry.fix_us);
+}
+
+static void command_stop_at(int64_t time_us) {
+    berth_board_command(&rig.board, BERTH_COMMAND_STOP, time_us);
+}
+
+static void command_emergency_at(int64_t time_us) {
+    berth_board_command(&rig.board, BERTH_COMMAND_EMERGENCY_STOP, time_us);
+}
+
+static void receive_at(int64_t time_us) {
+    const berth_can_frame_t frame = {.id = 0x7f0, .time_us = time_us};
+    berth_board_receive(&rig.board, &frame, time_us);
+}
+
+static void bus_at(int64_t time_us) {
+    berth_board_bus(&rig.board, BERTH_CAN_ERROR_ACTIVE, false, time_us);
+}
+
+/* Two frames wait: the time of the second counts from when the first has left. */
+static void sent_at(int64_t time_us) {
+    const berth_can_frame_t frame = {.id = 0x7f1};
+    (void)berth_outbox_put(&rig.board.outbox, &frame, BERTH_OUTBOX_EACH);
+    (void)berth_outbox_put(&rig.board.outbox, &frame, BERTH_OUTBOX_EACH);
+    berth_board_sent(&rig.board, time_us);
+}
+
+/* In whatever call a time is told that cannot be, it stops the robot. */
+static void test_a_time_that_cannot_be_stops_the_robot(void) {
+    static void (*const calls[])(int64_t time_us) = {command_stop_at, command_emergency_at,
+                                                     receive_at, bus_at, sent_at};
+    static const int64_t times[] = {-1, INT64_MIN, BERTH_TIME_MAX_US + 1, INT64_MAX};
+    for (size_t i = 0; i < sizeof calls / sizeof calls[0]; i++) {
+        for (size_t j = 0; j < sizeof times / sizeof times[0]; j++) {
+            setUp();
+            start_running();
+            const int stops = rig.wheels[0].stops;
+            calls[i](times[j]);
+            rig_send_all(&rig);
+            expect_state(BERTH_SUPERVISOR_FAULT);
+            TEST_ASSERT_EQUAL_UINT8(BERTH_FAULT_PERIOD, berth_board_status(&rig.board)->fault);
+            TEST_ASSERT_EQUAL_INT(stops + 1, rig.wheels[0].stops);
+            TEST_ASSERT_EQUAL_INT(calls[i] == command_emergency_at, rig.wheels[1].emergencies);
+        }
+    }
+}
+
 /* --- properties ------------------------------------------------------------------------------- */
 
 static void random_event(void) {
@@ -723,6 +790,9 @@ int main(void) {
     RUN_TEST(test_telemetry_tells_what_is);
     RUN_TEST(test_late_steps_are_counted_and_not_made_up_for);
     RUN_TEST(test_the_count_of_missed_periods_does_not_wrap);
+    RUN_TEST(test_a_step_may_come_as_late_as_can_be);
+    RUN_TEST(test_a_frame_from_before_the_first_instant_counts_as_now);
+    RUN_TEST(test_a_time_that_cannot_be_stops_the_robot);
     RUN_TEST(test_nothing_but_running_moves_a_wheel);
     RUN_TEST(test_bad_configurations_are_refused_whole);
     RUN_TEST(test_filters_are_the_ids_in_use);

@@ -191,6 +191,17 @@ static void test_an_unknown_outcome_is_a_failure(void) {
     TEST_ASSERT_EQUAL_UINT8(BERTH_FAULT_BUS_DOWN, status()->fault);
 }
 
+/* The largest of times: when to run next does not overflow, and the board stops. */
+static void test_a_time_that_cannot_be(void) {
+    run(0);
+    arm(1);
+    script.room = 0;
+    run(INT64_MAX);
+    TEST_ASSERT_EQUAL_UINT8(BERTH_FAULT_PERIOD, status()->fault);
+    TEST_ASSERT_TRUE(berth_board_front(&rig.board) != NULL);
+    TEST_ASSERT_TRUE(berth_link_deadline(&link_under_test) > 0);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_run_receives_steps_and_sends);
@@ -202,5 +213,6 @@ int main(void) {
     RUN_TEST(test_a_failed_receive_stops_the_board_before_its_step);
     RUN_TEST(test_the_bus_mode_is_told);
     RUN_TEST(test_an_unknown_outcome_is_a_failure);
+    RUN_TEST(test_a_time_that_cannot_be);
     return UNITY_END();
 }

@@ -479,6 +479,30 @@ static void test_budget_is_used_up_and_never_exceeded(void) {
     TEST_ASSERT_GREATER_THAN_UINT32(0, used_up);
 }
 
+/* A robot that stays by an obstacle for 2^31 periods: the exit is one of the plan's samples, and
+ * nothing overflows on the way to it. */
+static void test_exit_after_more_periods_than_an_int_holds(void) {
+    start_line(600, true);
+    add_on_line(40, 10);
+    start();
+    reference.index = 599;
+    reference.total = obstacles.slots[0].memory.cursor - (uint32_t)INT32_MAX;
+    expect_exit(0, (599u + (uint32_t)INT32_MAX % 600u) % 600u);
+    reference.total -= 1u; /* further ahead than behind, as it now seems */
+    expect_exit(0, (599u + 600u - 2147483648u % 600u) % 600u);
+}
+
+/* What avoidance remembers belongs to one plan: with another, shorter one there is no exit. */
+static void test_memory_of_another_plan_is_no_exit(void) {
+    start_line(600, false);
+    add_on_line(40, 10);
+    start();
+    plan.count = 51;
+    expect_none(0);
+    plan.count = 52;
+    expect_exit(0, 51);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_exit_is_found_at_the_start);
@@ -499,6 +523,8 @@ int main(void) {
     RUN_TEST(test_a_plan_of_one_sample);
     RUN_TEST(test_late_steps);
     RUN_TEST(test_counter_of_samples_wraps);
+    RUN_TEST(test_exit_after_more_periods_than_an_int_holds);
+    RUN_TEST(test_memory_of_another_plan_is_no_exit);
     RUN_TEST(test_agrees_with_a_plain_scan);
     RUN_TEST(test_budget_is_used_up_and_never_exceeded);
     return UNITY_END();

@@ -28,7 +28,8 @@ _Static_assert(__FLT_EVAL_METHOD__ == 0,
 /* The bits of 1 / (2 pi) after nine zeros: an angle of 2^14 begins with its window at bit 0. */
 static const uint32_t TURN_BITS[6] = {0x00145f30u, 0x6dc9c882u, 0xa53f84eau,
                                       0xfa3ea69bu, 0xb81b6c52u, 0xb3278872u};
-_Static_assert((254u - FAR_EXPONENT_MIN) / 32u + 2u < sizeof TURN_BITS / sizeof TURN_BITS[0],
+_Static_assert((254u - FAR_EXPONENT_MIN) / 32u < 4u &&
+                   sizeof TURN_BITS / sizeof TURN_BITS[0] == 4u + 2u,
                "the window of the largest finite exponent lies within the table");
 
 static float minus_one_turn(float x) {
@@ -49,7 +50,7 @@ static float wrap_near(float x) {
 /* 64 bits of 1 / (2 pi), such that those before them give whole turns for this exponent. */
 static uint64_t turn_window(uint32_t exponent) {
     const uint32_t first = exponent - FAR_EXPONENT_MIN;
-    const uint32_t *words = &TURN_BITS[first / 32u];
+    const uint32_t *words = &TURN_BITS[(first / 32u) % 4u];
     const uint32_t shift = first % 32u;
     /* NOLINTNEXTLINE(clang-analyzer-core.UndefinedBinaryOperatorResult): first is not < 0 */
     const uint64_t high = (((uint64_t)words[0] << 32) | words[1]) << shift;

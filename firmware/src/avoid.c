@@ -41,7 +41,7 @@ typedef struct {
 /* Free turn to one side, and what bounds it. */
 typedef struct {
     float room_rad;     /* >= 0 */
-    const cone_t *cone; /* only where room < pi */
+    const cone_t *cone; /* means something only where room < pi */
 } side_t;
 
 /* What a step sees. */
@@ -165,8 +165,8 @@ static void look(berth_avoid_t *avoid, berth_obstacles_t *obstacles, const berth
     const float y_m = pose->y_m;
     cone_t *cone = view->cones;
     float clearance_m = BERTH_RADIUS_MAX_M;
-    view->left.room_rad = BERTH_PI;
-    view->right.room_rad = BERTH_PI;
+    view->left = (side_t){BERTH_PI, cone};
+    view->right = (side_t){BERTH_PI, cone};
     view->free = true;
     view->conservative = false;
     view->unseen = false;
@@ -231,9 +231,9 @@ static float free_edge(const view_t *view, float direction) {
 }
 
 /* The obstacle that decides the side: of those in the way, one whose side is being kept, else the
- * one whose skirt is nearest. */
+ * one whose skirt is nearest. There is one in the way. */
 static const cone_t *deciding_cone(const view_t *view, float left_rad, float right_rad) {
-    const cone_t *nearest = NULL;
+    const cone_t *nearest = view->cones;
     const cone_t *kept = NULL;
     float nearest_m = BERTH_RADIUS_MAX_M; /* further than any active one: C > 0 */
     float kept_m = nearest_m;

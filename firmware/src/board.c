@@ -277,10 +277,18 @@ static bool bus_good(const berth_board_t *board) {
            board->status.bus != BERTH_CAN_DOWN;
 }
 
-void berth_board_command(berth_board_t *board, berth_command_code_t command, int64_t now_us) {
-    if (!board->ready) {
-        return;
+/* False for a time that cannot be: a clock that cannot be trusted stops the robot, at the last good
+ * time. */
+static bool timely(berth_board_t *board, int64_t earliest_us, int64_t now_us) {
+    if (now_us >= earliest_us && now_us <= BERTH_TIME_MAX_US) {
+        return true;
     }
+    berth_supervisor_fail(&board->supervisor, BERTH_FAULT_PERIOD, board->last_us);
+    act(board, board->last_us);
+    return false;
+}
+
+static void obey(berth_board_t *board, berth_command_code_t command, int64_t now_us) {
     const bool again = command == BERTH_COMMAND_EMERGENCY_STOP &&
                        board->supervisor.state == BERTH_SUPERVISOR_FAULT;
     berth_supervisor_command(&board->supervisor, command, standing(board) && bus_good(board),
@@ -292,6 +300,17 @@ void berth_board_command(berth_board_t *board, berth_command_code_t command, int
         synchronise(board, now_us);
     }
     act(board, now_us);
+}
+
+void berth_board_command(berth_board_t *board, berth_command_code_t command, int64_t now_us) {
+    if (!board->ready) {
+        return;
+    }
+    if (timely(board, 0, now_us)) {
+        obey(board, command, now_us);
+    } else if (command == BERTH_COMMAND_EMERGENCY_STOP) {
+        obey(board, command, board->last_us);
+    }
 }
 
 /* Brings the odometry to a time, which a late frame may put a little before the last step. */
@@ -403,10 +422,11 @@ static bool take_feedback(berth_board_t *board, const berth_can_frame_t *frame, 
 }
 
 void berth_board_receive(berth_board_t *board, const berth_can_frame_t *frame, int64_t now_us) {
-    if (!board->ready) {
+    if (!board->ready || !timely(board, 0, now_us)) {
         return;
     }
-    const bool timed = frame->time_us <= now_us && frame->time_us > now_us - FRAME_AGE_MAX_US;
+    const bool timed = frame->time_us >= 0 && frame->time_us <= now_us &&
+                       frame->time_us > now_us - FRAME_AGE_MAX_US;
     const int64_t at_us = timed ? frame->time_us : now_us;
     if (take_feedback(board, frame, at_us)) {
         watch_drives(board, now_us);
@@ -427,7 +447,7 @@ static uint8_t bus_problem(const berth_board_t *board) {
 }
 
 void berth_board_bus(berth_board_t *board, berth_can_mode_t mode, bool failed, int64_t now_us) {
-    if (!board->ready) {
+    if (!board->ready || !timely(board, 0, now_us)) {
         return;
     }
     board->status.bus = mode;
@@ -531,16 +551,16 @@ static void release_when_stopped(berth_board_t *board, int64_t now_us) {
     }
 }
 
-static void note_time(berth_board_t *board, int64_t late_us) {
+static void note_time(berth_board_t *board, int64_t late_us, int64_t now_us) {
     berth_board_status_t *status = &board->status;
     const int64_t period_us = board->period_us;
     const int64_t missed = late_us / period_us;
-    board->tick_us += (missed + 1) * period_us;
+    board->tick_us = now_us - (late_us % period_us) + period_us;
     count(&status->steps);
     if (late_us > status->latest_us) {
         status->latest_us = late_us;
     }
-    if (2 * late_us > period_us) {
+    if (late_us > period_us / 2) {
         count(&status->late);
     }
     const uint32_t room = UINT32_MAX - status->missed;
@@ -549,7 +569,7 @@ static void note_time(berth_board_t *board, int64_t late_us) {
 
 SMALL static void tick(berth_board_t *board, int64_t now_us) {
     const int64_t late_us = now_us - board->tick_us;
-    note_time(board, late_us);
+    note_time(board, late_us, now_us);
     advance_odometry(board, now_us);
     supervise(board, late_us, now_us);
     if (board->supervisor.state == BERTH_SUPERVISOR_RUNNING) {
@@ -571,13 +591,7 @@ SMALL static void tick(berth_board_t *board, int64_t now_us) {
 }
 
 void berth_board_step(berth_board_t *board, int64_t now_us) {
-    if (!board->ready) {
-        return;
-    }
-    if (now_us < board->last_us || now_us > BERTH_TIME_MAX_US) {
-        /* a clock that cannot be trusted: stop, and go on from the last good time */
-        berth_supervisor_fail(&board->supervisor, BERTH_FAULT_PERIOD, board->last_us);
-        act(board, board->last_us);
+    if (!board->ready || !timely(board, board->last_us, now_us)) {
         return;
     }
     board->last_us = now_us;
@@ -629,7 +643,10 @@ const berth_can_frame_t *berth_board_front(const berth_board_t *board) {
 
 void berth_board_sent(berth_board_t *board, int64_t now_us) {
     berth_outbox_pop(&board->outbox);
-    board->waiting_us = berth_outbox_front(&board->outbox) != NULL ? now_us : -1;
+    board->waiting_us = -1;
+    if (berth_outbox_front(&board->outbox) != NULL && timely(board, 0, now_us)) {
+        board->waiting_us = now_us;
+    }
 }
 
 const berth_board_status_t *berth_board_status(const berth_board_t *board) {

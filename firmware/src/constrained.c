@@ -586,7 +586,7 @@ static int sweep_forward(berth_constrained_t *w, const state_t *error) {
     while (i < end) {
         if (i > w->last_limited && i > 0) {
             i = forward_plain(w, i, &e);
-            if (i == end) {
+            if (i >= end) {
                 break;
             }
         }
@@ -697,11 +697,13 @@ static void revert(berth_constrained_t *w, const state_t *error) {
     }
 }
 
-/* One pass after the first: from the last stage that differs, or from the end where `clean`.
- * Returns like sweep_forward. */
+enum { ALL = BERTH_CONSTRAINED_HORIZON_MAX };
+
+/* One pass after the first: from the last stage that differs, or from the end where ALL do. Returns
+ * like sweep_forward. */
 static int pass_again(berth_constrained_t *w, const state_t *error, int changed, limits_t limits) {
-    const bool clean = changed == w->horizon;
-    sweep_again(w, clean ? changed - 1 : changed, clean, limits);
+    const int from = changed == ALL ? w->horizon - 1 : changed;
+    sweep_again(w, from, changed == ALL, limits);
     w->passes++;
     return sweep_forward(w, error);
 }
@@ -730,10 +732,10 @@ static void iterate(berth_constrained_t *w, const state_t *error) {
         } else if (limits == LIMITS_FOUND) {
             revert(w, error);
             cost = before;
-            changed = w->horizon;
+            changed = ALL;
             limits = LIMITS_MINIMISED;
         } else {
-            changed = w->horizon;
+            changed = ALL;
             if (!search_line(w, error, limit, &cost)) {
                 w->stopped = true;
                 return;
@@ -743,8 +745,8 @@ static void iterate(berth_constrained_t *w, const state_t *error) {
 }
 
 /* Takes the wheels that the reference itself asks too much of to be at their limits, with no others
- * known. Returns whether there are any. */
-static bool guess_limits(berth_constrained_t *w) {
+ * known. */
+static void guess_limits(berth_constrained_t *w) {
     for (int i = 0; i < w->horizon; i++) {
         berth_constrained_stage_t *s = &w->stages[i];
         const box_t box = stage_box(w, s);
@@ -753,7 +755,6 @@ static bool guess_limits(berth_constrained_t *w) {
             w->last_limited = (int16_t)i;
         }
     }
-    return w->last_limited >= 0;
 }
 
 /* Takes over the limits of the last step, one stage earlier, or starts with none. */
@@ -855,7 +856,8 @@ berth_twist_t berth_constrained_step(berth_constrained_t *workspace,
             w->limited = false;
             return free_twist(w, input, &v);
         }
-        if (guess_limits(w)) {
+        guess_limits(w);
+        if (w->last_limited >= 0) {
             sweep_again(w, w->last_limited, true, LIMITS_GIVEN);
         }
     }
@@ -922,7 +924,7 @@ berth_error_t berth_constrained_init(berth_constrained_t *workspace, const berth
     w->warm = false;
     w->last_limited = -1;
     for (int i = 0; i < w->horizon; i++) {
-        w->stages[i].wheels = FREE;
+        w->stages[i] = (berth_constrained_stage_t){.wheels = FREE};
     }
     return BERTH_OK;
 }

@@ -356,14 +356,18 @@ float drive_motor_rps(const berth_drive_t *drive) {
 }
 
 float drive_clamp(berth_drive_t *drive, float value, float limit) {
-    if (check_range(value, -limit, limit)) {
-        return value;
+    float clamped = value == value ? value : 0.0f; /* what is no number means stand */
+    if (clamped > limit) {
+        clamped = limit;
+    } else if (clamped < -limit) {
+        clamped = -limit;
+    } else {
+        /* it fits */
     }
-    count(&drive->status.saturated);
-    if (value > limit) {
-        return limit;
+    if (clamped != value) {
+        count(&drive->status.saturated);
     }
-    return value < -limit ? -limit : 0.0f; /* what is no number means stand */
+    return clamped;
 }
 
 int32_t drive_to_int(berth_drive_t *drive, float value, float limit) {

@@ -54,7 +54,7 @@ static void transmit(berth_link_t *link, int64_t now_us) {
 }
 
 void berth_link_run(berth_link_t *link, int64_t now_us) {
-    link->run_us = now_us;
+    link->run_us = now_us < BERTH_TIME_MAX_US ? now_us : BERTH_TIME_MAX_US;
     link->failed = false;
     receive(link, now_us);
     report(link, now_us);

@@ -24,25 +24,23 @@ static int32_t offset(const berth_obstacle_slot_t *slot, const berth_reference_t
     return (int32_t)ahead;
 }
 
-/* Number of samples from the first one on, of at most run, that are all outside (or all inside).
+/* First sample from k on, before end, that is not outside (or not inside); end when there is none.
  * This loop is most of what the look-ahead costs. */
-static inline uint32_t count_alike(const berth_obstacle_t *obstacle, const berth_sample_t *first,
-                                   uint32_t run, bool are_outside) {
+static inline uint32_t first_unlike(const berth_obstacle_t *obstacle, const berth_sample_t *samples,
+                                    uint32_t k, uint32_t end, bool are_outside) {
     const float x = obstacle->x_m;
     const float y = obstacle->y_m;
     const float square = obstacle->regulated_m * obstacle->regulated_m;
-    const berth_sample_t *sample = first;
-    const berth_sample_t *const end = &first[run];
-    for (; sample != end; sample++) {
-        const float dx = x - sample->x_m;
-        const float dy = y - sample->y_m;
+    uint32_t i = k;
+    for (; i < end; i++) {
+        const float dx = x - samples[i].x_m;
+        const float dy = y - samples[i].y_m;
         const bool is_outside = dx * dx + dy * dy > square;
         if (is_outside != are_outside) {
             break;
         }
     }
-    const ptrdiff_t alike = sample - first; /* MISRA D11 */
-    return (uint32_t)alike;
+    return i;
 }
 
 /* Scans on until the exit, the horizon, the plan's last row or the budget is reached. Returns by
@@ -60,23 +58,23 @@ static uint32_t scan(berth_obstacle_slot_t *slot, const berth_plan_t *plan,
     }
     uint32_t run = ahead < BERTH_SCAN_AHEAD ? BERTH_SCAN_AHEAD - ahead : 0u;
     run = run < budget ? run : budget;
-    run = run < plan->count - k ? run : plan->count - k;
-    const berth_sample_t *samples = &plan->samples[k];
-    uint32_t used = 0;
+    const uint32_t first = k;
+    uint32_t end = k + run;
+    end = end < plan->count ? end : plan->count;
     if (memory->scan == SCAN_SEEKS_INSIDE) {
-        used = count_alike(&slot->obstacle, samples, run, true);
-        if (used < run) {
+        k = first_unlike(&slot->obstacle, plan->samples, k, end, true);
+        if (k < end) {
             memory->scan = SCAN_SEEKS_OUTSIDE;
         }
     }
     if (memory->scan == SCAN_SEEKS_OUTSIDE) {
-        used += count_alike(&slot->obstacle, &samples[used], run - used, false);
+        k = first_unlike(&slot->obstacle, plan->samples, k, end, false);
     }
-    memory->cursor += used;
-    if (used < run) {
+    memory->cursor += k - first;
+    if (k < end) {
         memory->scan = SCAN_FOUND; /* the cursor stays on the exit */
     }
-    return used;
+    return k - first;
 }
 
 /* Starts over where the scan has nothing to go on from. */
@@ -136,13 +134,17 @@ const berth_sample_t *lookahead_exit(const berth_obstacle_slot_t *slot, const be
     if (slot->memory.scan != SCAN_FOUND) {
         return NULL;
     }
-    int32_t k = (int32_t)slot->memory.cursor; /* an open plan counts samples from its start */
+    uint32_t k = slot->memory.cursor; /* an open plan counts samples from its start */
     if (plan->closed) {
         /* from the current sample; backwards, over laps even, where the reference has passed the
          * exit while the robot stays by the obstacle */
         const int32_t count = (int32_t)plan->count;
-        k = ((int32_t)reference->index + offset(slot, reference)) % count;
-        k = k < 0 ? k + count : k;
+        const int32_t rest = offset(slot, reference) % count;
+        k = reference->index + (uint32_t)(rest < 0 ? rest + count : rest);
+        k = k < plan->count ? k : k - plan->count;
+    }
+    if (k >= plan->count) {
+        return NULL;
     }
     return &plan->samples[k];
 }

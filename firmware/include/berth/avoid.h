@@ -147,6 +147,7 @@ BERTH_MUST_USE berth_error_t berth_avoid_check_obstacle(const berth_avoid_t *avo
  * heading: BLOCKED. Cost: constant per obstacle, some 20 instructions for one that is not active
  * and some 150 for one that is; when the heading is not free, at most (active + 1) passes over the
  * active ones for either side; and the look-ahead's samples. */
+/*@ requires checked: 1 <= plan->count <= BERTH_PLAN_COUNT_MAX; */
 berth_mode_t berth_avoid_step(berth_avoid_t *avoid, berth_obstacles_t *obstacles,
                               const berth_plan_t *plan, const berth_reference_t *reference,
                               const berth_pose_t *pose, berth_twist_t *command);

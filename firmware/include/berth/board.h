@@ -20,6 +20,8 @@
  *
  * Timing. Control steps are due each plan period from berth_board_init on. A step that comes late
  * is done once, late, and counted; steps are never made up for.
+ * Times are 0 to BERTH_TIME_MAX_US. Another one, in whatever call, is a fault (BERTH_FAULT_PERIOD)
+ * at the last good time, and the call does nothing else, but for an emergency stop.
  *
  * Safety. Whatever goes wrong, both wheels are commanded to stop in the same call that finds it
  * out, the reason is kept (berth_board_status), and nothing moves until a reset whose cause is

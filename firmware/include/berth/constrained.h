@@ -156,6 +156,7 @@ void berth_constrained_reset(berth_constrained_t *workspace);
  * float32 on the way, the gain's command brought into the box, with `stopped` set.
  * Cost: about 130 instructions a stage while no limit acts, at most 8 passes of some 300 a stage.
  */
+/*@ requires checked: 1 <= input->plan->count <= BERTH_PLAN_COUNT_MAX; */
 berth_twist_t berth_constrained_step(berth_constrained_t *workspace,
                                      const berth_tracker_input_t *input);
 

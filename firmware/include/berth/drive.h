@@ -165,6 +165,7 @@ BERTH_MUST_USE berth_error_t berth_drive_init(berth_drive_t *drive,
 /* Begins to configure and enable the drive: OFF or STOPPED become STARTING. In other states nothing
  * happens. The command is zero until berth_drive_command. now_us: 0 to BERTH_TIME_MAX_US, here and
  * below. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_drive_enable(berth_drive_t *drive, int64_t now_us);
 
 /* Takes the torque off: frames that tell the drive so, and OFF. A fault stays a fault. */
@@ -188,17 +189,21 @@ void berth_drive_command(berth_drive_t *drive, float wheel_radps);
 
 /* Puts this period's command frame. OFF puts nothing, and every state but ENABLED commands zero.
  * Call it once a control period: the drives' own watchdogs live on it. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_drive_cycle(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox);
 
 /* Puts what one period's commands of all drives share: SYNC and our heartbeat for cia402, nothing
  * for the others. Once a period, after the cycles, with any one of the drives. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_drive_sync(const berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox);
 
 /* Takes a received frame. at_us: when it was on the wire, which may be earlier than the last step.
  * True when it was this drive's, good or not. */
+/*@ requires time: 0 <= at_us <= BERTH_TIME_MAX_US; */
 bool berth_drive_receive(berth_drive_t *drive, const berth_can_frame_t *frame, int64_t at_us);
 
 /* Runs timers: set-up, watchdogs. Call it at or after the deadline; earlier does no harm. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_drive_step(berth_drive_t *drive, int64_t now_us, berth_outbox_t *outbox);
 
 /* When berth_drive_step has something to do; BERTH_TIME_MAX_US when nothing is pending. */
@@ -214,6 +219,7 @@ int64_t berth_drive_deadline(const berth_drive_t *drive);
  * explain (a quarter of a motor turn, 50 ms at the highest speed since, and 250 turns/s^2 over the
  * time since the last position, 1 s at most) is no travel: it is counted as malformed, the speeds
  * alone tell the way up to it, and later positions count from there. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 float berth_drive_travel(berth_drive_t *drive, int64_t now_us);
 
 /* What was last known of the drive. Valid until the next call. */

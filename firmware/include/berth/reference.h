@@ -28,9 +28,6 @@ extern "C" {
 #define BERTH_WEIGHT_R_MIN 1.0e-6f
 #define BERTH_GAIN_MAX 1.0e6f
 
-/* Largest time: sums of times and periods stay within int64. */
-#define BERTH_TIME_MAX_US INT64_C(0x4000000000000000)
-
 /* Where the library is compiled with BERTH_WITHOUT_ZOH defined, plans with the zero-order hold are
  * refused, which saves some 900 bytes of flash. */
 typedef enum {
@@ -82,15 +79,22 @@ uint32_t berth_plan_crc(const berth_plan_t *plan);
 
 /* Sample k for any k: wraps around in a closed plan; past the end of an open one it is the last
  * pose with v = omega = 0. Pure; constant cost. */
+/*@ requires checked: 1 <= plan->count <= BERTH_PLAN_COUNT_MAX; */
 berth_sample_t berth_plan_sample(const berth_plan_t *plan, uint32_t k);
 
 /* Puts sample 0 at now_us (0 to BERTH_TIME_MAX_US). */
+/*@ requires checked: 1 <= plan->count <= BERTH_PLAN_COUNT_MAX;
+  @ requires checked: BERTH_PERIOD_MIN_US <= plan->period_us <= BERTH_PERIOD_MAX_US;
+  @ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_reference_start(berth_reference_t *reference, const berth_plan_t *plan, int64_t now_us);
 
 /* Moves to the sample nearest in time to now_us: a step that is early or late by less than half a
  * period keeps its own sample, a later one skips samples, counts them, and never replays them.
  * now_us: 0 to BERTH_TIME_MAX_US; time that goes backwards leaves the index where it is. Constant
  * cost. */
+/*@ requires checked: 1 <= plan->count <= BERTH_PLAN_COUNT_MAX;
+  @ requires checked: BERTH_PERIOD_MIN_US <= plan->period_us <= BERTH_PERIOD_MAX_US;
+  @ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_reference_advance(berth_reference_t *reference, const berth_plan_t *plan,
                              int64_t now_us);
 

@@ -25,6 +25,8 @@ extern "C" {
  * Gain of sample k of a checked plan, over the plan's horizon. For k beyond the end of an open plan
  * it is the gain that holds the last pose. Pure; O(horizon), about 80 instructions a stage with
  * Euler and 350 with the zero-order hold; no dependence on the data beyond that. */
+/*@ requires checked: 1 <= plan->count <= BERTH_PLAN_COUNT_MAX;
+  @ requires checked: 1 <= plan->mpc.horizon <= BERTH_HORIZON_MAX; */
 void berth_riccati_gain(const berth_plan_t *plan, uint32_t k, berth_gain_t *gain);
 
 #ifdef __cplusplus

@@ -91,15 +91,18 @@ BERTH_MUST_USE berth_error_t berth_supervisor_init(berth_supervisor_t *superviso
 
 /* Takes a command. reset_allowed: the board sees no cause for a fault any more. A command that the
  * state does not allow is counted and changes nothing; STOP is allowed everywhere but in FAULT. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_supervisor_command(berth_supervisor_t *supervisor, berth_command_code_t command,
                               bool reset_allowed, int64_t now_us);
 
 /* One control period: looks for reasons to stop, and moves on. Returns the new state. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 berth_supervisor_state_t berth_supervisor_step(berth_supervisor_t *supervisor,
                                                const berth_supervisor_inputs_t *inputs,
                                                int64_t now_us);
 
 /* Reports a fault found between periods. The first one is kept. */
+/*@ requires time: 0 <= now_us <= BERTH_TIME_MAX_US; */
 void berth_supervisor_fail(berth_supervisor_t *supervisor, uint8_t fault, int64_t now_us);
 
 /* Short English texts; "?" outside the enums. The text of a drive's fault names no side:

@@ -2,6 +2,10 @@
  *
  * Everything is in SI units; angles are radians, counter-clockwise positive. Floats are IEEE 754
  * single precision. A value that is not finite is bad input wherever it is given.
+ *
+ * A comment that begins with "@ requires" is a precondition in ACSL: the caller keeps it, nothing
+ * checks it at run time. The controller and the board are proved to keep it in all that they call,
+ * and check what they are given themselves.
  */
 #ifndef BERTH_TYPES_H
 #define BERTH_TYPES_H
@@ -20,6 +24,9 @@ extern "C" {
 #else
 #define BERTH_MUST_USE
 #endif
+
+/* Largest time: sums of times and periods stay within int64. */
+#define BERTH_TIME_MAX_US INT64_C(0x4000000000000000)
 
 /* Largest |x| and |y| of a pose, a reference sample or an obstacle. At 1 km a float32 resolves
  * 61 micrometres, which is what the clearance tolerance of avoid.h is stated for. */
