@@ -277,7 +277,7 @@ static void *work(void *context) {
     worker_t *worker = context;
     shared_t *shared = worker->shared;
     const long runs = shared->options->runs;
-    scenario_error_t error;
+    scenario_error_t error = {.text = ""};
     bool good = true;
     while (good && !atomic_load(&shared->failed)) {
         const long first = atomic_fetch_add(&shared->next, RUNS_PER_CLAIM);

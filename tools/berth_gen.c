@@ -182,13 +182,10 @@ static void take_option(options_t *options, int option, const char *value) {
         break;
     case OPTION_HELP:
         print_and_exit(help);
-        break;
     case OPTION_VERSION:
         print_and_exit("berth-gen " BERTH_VERSION "\n");
-        break;
     case '?': /* getopt has complained */
         usage_and_exit();
-        break;
     default:
         set_value(options, option, value);
         break;

@@ -307,6 +307,7 @@ static float skirting_speed(const scene_t *scene, const view_t *view, const side
                             float v_mps) {
     if (is_paced(scene->avoid, view) && scene->avoid->config.tau_s > 0.0f &&
         bound->room_rad < BERTH_PI) {
+        /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): room < pi comes with its cone */
         const berth_obstacle_slot_t *slot = bound->cone->slot;
         const berth_sample_t *beyond = lookahead_exit(slot, scene->plan, scene->reference);
         if (beyond != NULL) {

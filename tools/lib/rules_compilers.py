@@ -30,12 +30,6 @@ CLANG_WIDE = """-Weverything -Wno-padded -Wno-unsafe-buffer-usage -Wno-declarati
 
 # (file, warning): why it is none. Each must still be given, or the entry is refused.
 FALSE_ALARMS = {
-    ("firmware/src/avoid.c", "-Wanalyzer-null-dereference"):
-        "a heading that is not free has a cone that it is in",
-    ("firmware/src/avoid.c", "-Wnull-dereference"):
-        "a heading that is not free has a cone that it is in",
-    ("firmware/src/avoid.c", "-Wanalyzer-use-of-uninitialized-value"):
-        "as many cones are filled as are counted, by the distance of two pointers",
     ("hal/linux/socketcan.c", "-Wlogical-op"): "EAGAIN and EWOULDBLOCK may be two numbers",
     ("hal/linux/stream.c", "-Wlogical-op"): "EAGAIN and EWOULDBLOCK may be two numbers",
     ("host_sim/bus/bus_report.c", "-Wformat-nonliteral"): "all callers are in the file",
