@@ -37,8 +37,7 @@
 #define POSE_NOISE_MAX_M 0.005
 #define HEADING_NOISE_MAX_RAD 0.005
 #define SLIP_MAX 0.05
-/* At omega_max = 3 rad/s the heading that is known is 0.15 rad old: see strategy_told. */
-#define POSE_DELAY_MAX 0.05
+#define POSE_DELAY_MAX 0.1
 #define LATE_POSE_DELAY_MAX 0.2
 
 static void draw_plant(const campaign_options_t *options, rng_t *rng, scenario_plant_t *plant) {

@@ -13,7 +13,7 @@ typedef enum { OVERLAP_ANY, OVERLAP_DEMAND, OVERLAP_FORBID } campaign_overlap_t;
 /* Whose plant a scene has: that of the scenarios that it is made from; one drawn for each run, with
  * the ranges in campaign.c; such a one of which the firmware is told a part only, drawn too, from
  * all to nothing: its clearance condition is then met for a better robot than the one there is; or
- * one whose poses come later than the firmware can do with. */
+ * one whose poses come very late. */
 typedef enum {
     CAMPAIGN_PLANT_BASE,
     CAMPAIGN_PLANT_DRAWN,

@@ -44,7 +44,7 @@ static const struct argp_option option_table[] = {
     {"plant", CAMPAIGN_PLANT, "WHICH", 0,
      "base: as --set has it (default). drawn: each run draws its own: tau up to 0.1 s, 2 to 5 "
      "m/s2, "
-     "noise up to 5 mm and 5 mrad, slip up to 5 %, a pose up to 0.05 s old. untold: as drawn, and "
+     "noise up to 5 mm and 5 mrad, slip up to 5 %, a pose up to 0.1 s old. untold: as drawn, and "
      "the firmware is told only a part of it, drawn too: its clearance condition holds for a "
      "better "
      "robot. late: as drawn, with a pose up to 0.2 s old",

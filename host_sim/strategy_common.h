@@ -12,12 +12,7 @@
  * so the condition's (1 + s) (v_max (T + tau) + v_max^2 / (2 a)) is told as tau + s (T + tau) and a
  * / (1 + s). Of all this and the noise the part 1 - untold is told, so that the condition demands
  *
- *     v_max T + (1 - untold) (strategy_clearance(scenario) - v_max T).
- *
- * What no C - R makes good: a pose that is late by d shows a heading that is old by up to omega_max
- * d. Within C the robot may take a heading for free that points inwards by so much, and go along it
- * for T + d before it sees; that may happen again and again. omega_max d up to 0.15 rad does no
- * harm in campaigns; for later poses predict them to the present, or lower omega_max. */
+ *     v_max T + (1 - untold) (strategy_clearance(scenario) - v_max T). */
 typedef struct {
     double tau_s;
     double a_brake_mps2; /* 0: unlimited */

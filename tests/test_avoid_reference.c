@@ -172,7 +172,7 @@ static exit_t exit_of_the_plan(world_t *world, const berth_obstacle_t *o) {
     return (exit_t){.found = false};
 }
 
-/* Time that turns are planned over. */
+/* Time that turns to a free heading are planned over. */
 static double turn_s(bool conservative) {
     const berth_avoid_config_t *config = &rig.avoid.config;
     const bool paced = config->paced && !conservative;
@@ -252,7 +252,8 @@ static void bound(world_t *world, const disc_t *disc, double room, double *least
 
 /* Clamps the turn to the free headings around the heading. */
 static void still_free(world_t *world, double heading, bool conservative, answer_t *answer) {
-    const double turn = answer->omega * turn_s(conservative);
+    const double late_s = (double)rig.avoid.period_s + (double)rig.avoid.config.tau_s;
+    const double turn = answer->omega * late_s;
     double left = PI; /* beyond an obstacle on the other side no turn of one period gets */
     double right = PI;
     const disc_t *left_by = NULL;
@@ -274,7 +275,7 @@ static void still_free(world_t *world, double heading, bool conservative, answer
         return;
     }
     const bool to_left = turn > left;
-    answer->omega = fmin(fmax(turn, -right), left) / turn_s(conservative);
+    answer->omega = fmin(fmax(turn, -right), left) / late_s;
     answer->v = skirting(world, to_left ? left_by : right_by, conservative, answer->v);
     answer->mode = conservative ? BERTH_MODE_CONSERVATIVE_GO : BERTH_MODE_REGULATED;
 }

@@ -232,7 +232,7 @@ static void report(void) {
            record.inside_conservative);
     /* Few runs need not meet every mode. */
     for (int mode = 0; mode < 5 && support_runs(20) >= 2; mode++) {
-        TEST_ASSERT_GREATER_THAN_UINT32(record.steps / 500, record.modes[mode]);
+        TEST_ASSERT_GREATER_THAN_UINT32(record.steps / 1000, record.modes[mode]);
     }
     TEST_ASSERT_GREATER_THAN_UINT32(record.steps / 20, record.inside_conservative);
     TEST_ASSERT_TRUE(record.loss_m <= LOSS_MAX_M);

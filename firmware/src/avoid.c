@@ -297,11 +297,6 @@ static bool is_paced(const berth_avoid_t *avoid, const view_t *view) {
     return WITH_PACE && avoid->config.paced && !view->conservative;
 }
 
-/* Time that turns to a cone's edge are planned over. */
-static float turn_time(const berth_avoid_t *avoid, const view_t *view) {
-    return is_paced(avoid, view) ? avoid->period_s + avoid->config.tau_s : avoid->period_s;
-}
-
 /* Speed that keeps the robot going round the obstacle that bounds its turn. */
 static float skirting_speed(const scene_t *scene, const view_t *view, const side_t *bound,
                             float v_mps) {
@@ -322,7 +317,8 @@ static float skirting_speed(const scene_t *scene, const view_t *view, const side
 
 /* The heading is free: keep it free. */
 static berth_mode_t keep_free(const scene_t *scene, const view_t *view, berth_twist_t *command) {
-    const float turn_s = turn_time(scene->avoid, view);
+    /* within C there is no room for a turn that goes on past the edge, again and again */
+    const float turn_s = scene->avoid->period_s + scene->avoid->config.tau_s;
     const float turn = command->omega_radps * turn_s;
     const side_t *bound = turn > 0.0f ? &view->left : &view->right;
     if (fabsf(turn) <= bound->room_rad) {
@@ -377,7 +373,8 @@ static berth_mode_t turn_free(const scene_t *scene, const view_t *view, berth_tw
     }
     const int8_t side = choose_side(scene, view, left, right);
     const float turn = (side > 0 ? left : right) + BERTH_EDGE_MARGIN_RAD;
-    const float omega = minimum(turn / turn_time(avoid, view), avoid->omega_max_radps);
+    const float turn_s = avoid->period_s + (is_paced(avoid, view) ? avoid->config.tau_s : 0.0f);
+    const float omega = minimum(turn / turn_s, avoid->omega_max_radps);
     command->omega_radps = (float)side * omega;
     if (view->conservative) {
         command->v_mps = 0.0f;

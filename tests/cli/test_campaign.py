@@ -219,7 +219,7 @@ def test_rows_do_not_depend_on_jobs_nor_on_parts(tmp_path):
 def test_drawn_plants_use_their_ranges(tmp_path):
     _, rows = rows_of(tmp_path, "--runs", 400, "--seed", 1, *DRAWN)
     ranges = {"tau_s": (0, 0.1), "a_max_mps2": (2, 5), "pose_noise_m": (0, 0.005),
-              "heading_noise_rad": (0, 0.005), "slip": (0, 0.05), "pose_delay_s": (0, 0.05)}
+              "heading_noise_rad": (0, 0.005), "slip": (0, 0.05), "pose_delay_s": (0, 0.1)}
     for key, (least, most) in ranges.items():
         values = [float(row[key]) for row in rows]
         assert least <= min(values) < least + 0.05 * (most - least)
@@ -258,18 +258,14 @@ def test_a_plant_worse_than_told_collides_the_more_the_worse(tmp_path):
     assert rates[1] > 3.0 * rates[0]
 
 
-def test_late_poses_are_later(tmp_path):
-    """At 3 rad/s a pose that is 0.05 s late is 0.15 rad off: see the guarantee."""
-    result = subprocess.run([os.environ["BERTH_SIM"], "campaign", "--runs", "1000", "--plant", "late",
-                             "--set", "robot.v_max_mps=0.6", "--rows", tmp_path / "rows.csv"],
-                            capture_output=True, timeout=300, check=False)
-    assert result.returncode in (0, 1)
-    with open(tmp_path / "rows.csv", newline="", encoding="ascii") as file:
-        rows = list(csv.DictReader(file))
+def test_no_collision_with_very_late_poses(capsys, tmp_path):
+    """A heading that is up to 0.6 rad old, near obstacles too."""
+    result, rows = rows_of(tmp_path, "--runs", runs(50000), "--seed", 1, "--plant", "late",
+                           "--set", "robot.v_max_mps=0.6")
+    report(capsys, "poses up to 0.2 s late", result)
     delays = [float(row["pose_delay_s"]) for row in rows]
     assert 0.0 <= min(delays) < 0.01 and 0.19 < max(delays) <= 0.2
-    assert [row["seed"] for row in rows if row["collisions"] != "0" and
-            float(row["pose_delay_s"]) <= 0.05] == []
+    assert result["collisions"] == 0
 
 
 @pytest.mark.parametrize("drive", ["odrive", "vesc", "cia402", None])

@@ -368,16 +368,16 @@ def test_the_figure_of_the_margin(tmp_path):
     """The same bytes each time; every bin has its mark (that it looks well is for people to see)."""
     script = [sys.executable, "-B", str(ROOT / "tools" / "plot" / "violation.py")]
     paths = []
-    for kind in ("violation", "late"):
+    for kind in ("violation", "ideal", "dynamics", "late"):
         paths.append(str(tmp_path / f"{kind}.parquet"))
-        campaign(kind, "--runs", 2500, "--workers", 2, "-o", paths[-1])
+        good(campaign(kind, "--runs", 1500, "--workers", 2, "-o", paths[-1]))
     for name in ("one.png", "two.png"):
         good(subprocess.run([*script, *paths, str(tmp_path / name)], capture_output=True, text=True,
                             timeout=TIMEOUT, check=False))
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     assert (tmp_path / "one.png").stat().st_size > 10000
-    for wrong in ([], paths, [*paths, "x.pdf"], [paths[0], str(tmp_path / "none.parquet"), "x.png"],
-                  [str(tmp_path / "one.png"), paths[1], "x.png"]):
+    for wrong in ([], paths, [*paths, "x.pdf"], [*paths[:3], str(tmp_path / "none.parquet"), "x.png"],
+                  [str(tmp_path / "one.png"), *paths[1:], "x.png"]):
         result = subprocess.run([*script, *wrong], capture_output=True, text=True, timeout=60, cwd=tmp_path,
                                 check=False)
         assert result.returncode == 2 and "Traceback" not in result.stderr and result.stderr

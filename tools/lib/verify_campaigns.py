@@ -22,10 +22,8 @@ OUT = ROOT / "out" / "campaign"
 SIM = BUILD / "host_sim" / "berth-sim"
 DRIVER = [sys.executable, "-B", str(ROOT / "tools" / "lib" / "campaign.py")]
 
-LONG = {"ideal": 1000000, "dynamics": 200000, "bus": 5000, "violation": 200000, "late": 200000}
-SHORT = {"ideal": 40000, "dynamics": 6000, "bus": 200, "violation": 6000, "late": 6000}
-LIMIT_RAD = 0.15  # of the known heading's age times omega_max
-OMEGA_MAX = 3.0
+LONG = {"ideal": 1000000, "dynamics": 200000, "bus": 3000, "violation": 60000, "late": 60000}
+SHORT = {"ideal": 40000, "dynamics": 6000, "bus": 150, "violation": 6000, "late": 6000}
 
 
 def build():
@@ -109,24 +107,6 @@ def violation_claim(summary, short):
                  f"tools/campaign violation --runs {summary['runs']}", holds, short)
 
 
-def late_claim(summary, short):
-    """From the rows: what the summary cannot know is how late each pose was."""
-    import pyarrow.parquet  # noqa: PLC0415 - installed by tools/setup, which may not have run yet
-    table = pyarrow.parquet.read_table(path_of("late"), columns=["pose_delay_s", "collisions"])
-    angle = OMEGA_MAX * table["pose_delay_s"].to_numpy()
-    collided = table["collisions"].to_numpy() > 0
-    within = angle <= LIMIT_RAD
-    parts = []
-    for low, high in ((LIMIT_RAD, 0.3), (0.3, 0.45), (0.45, 0.6)):
-        inside = (angle > low) & (angle <= high)
-        parts.append(f"{low:g} to {high:g} rad: {int(collided[inside].sum())} of {int(inside.sum()):,}")
-    figure = (f"collided up to {LIMIT_RAD} rad: {int(collided[within].sum())} of {int(within.sum()):,} runs; "
-              + "; ".join(parts))
-    return claim("late", "poses so late that the known heading is up to 0.15 rad old (omega_max times the delay) do "
-                 "no harm where their delay counts as tau; later ones may, whatever C - R", figure,
-                 f"tools/campaign late --runs {summary['runs']}", int(collided[within].sum()) == 0, short)
-
-
 # --- interruption -------------------------------------------------------------------------------
 
 def wait_for_shards(process, journal, count):
@@ -165,8 +145,9 @@ def resume_claim(runs, short):
 
 def draw():
     script = ROOT / "tools" / "plot" / "violation.py"
-    subprocess.run([sys.executable, "-B", str(script), str(path_of("violation")), str(path_of("late")),
-                    str(ROOT / "tools" / "figures" / "violation.png")], check=True)
+    paths = [str(path_of(kind)) for kind in ("violation", "ideal", "dynamics", "late")]
+    subprocess.run([sys.executable, "-B", str(script), *paths, str(ROOT / "tools" / "figures" / "violation.png")],
+                   check=True)
 
 
 NOTES = [
@@ -191,11 +172,12 @@ def main():
         clear("ideal", "{runs} random scenes, overlapping obstacles included, exact drives and poses: no collision",
               run_campaign("ideal", runs["ideal"]), short),
         clear("dynamics", "{runs} random scenes, drives and poses drawn (tau up to 0.1 s, 2 to 5 m/s2, noise up to "
-              "5 mm and 5 mrad, slip up to 5 %, poses up to 0.05 s late), 0.6 m/s: no collision",
+              "5 mm and 5 mrad, slip up to 5 %, poses up to 0.1 s late), 0.6 m/s: no collision",
               run_campaign("dynamics", runs["dynamics"]), short),
         bus_claim(run_campaign("bus", runs["bus"]), short),
         violation_claim(run_campaign("violation", runs["violation"]), short),
-        late_claim(run_campaign("late", runs["late"]), short),
+        clear("late", "{runs} of the same with poses up to 0.2 s late, so that the known heading is up to 0.6 rad old: "
+              "no collision", run_campaign("late", runs["late"]), short),
         resume_claim(2000 if short else 40000, short),
     ]
     if not short:

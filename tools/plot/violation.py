@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
-"""Draws how often a robot collides when it is worse than its firmware was told.
+"""Draws what margin there is: how often a robot collides that is worse than its firmware was told, and
+how near robots come that are as told.
 
-    violation.py VIOLATION.parquet LATE.parquet FIGURE.png
+    violation.py VIOLATION.parquet IDEAL.parquet DYNAMICS.parquet LATE.parquet FIGURE.png
 
-The files are those of `tools/campaign violation' and `tools/campaign late'. On the left the rate over
-the violation of the clearance condition, the part of the demanded C - R that is missing; on the right
-over the angle by which the known heading may be old, omega_max times the pose's delay. Bars are 95 %
-intervals (Wilson); an arrow is a bin without a collision, from the upper end of its interval.
+The files are those of `tools/campaign'. On the left the collision rate over the violation of the
+clearance condition, the part of the demanded C - R that is missing. Bars are 95 % intervals (Wilson);
+an arrow is a bin without a collision, from the upper end of its interval. On the right, of robots that
+meet the condition, the part of the runs in which the least clearance is below a value; each line ends
+at the worst run.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -22,23 +23,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lib"))
 import style  # noqa: E402
 from campaign_table import wilson  # noqa: E402
 
-OMEGA_MAX = 3.0  # of the campaign's scenes, unless it was set
-LIMIT_RAD = 0.15
-VIOLATION_BIN, ANGLE_BIN = 0.05, 0.05
+BIN = 5.0  # % of violation
 RUNS_MIN = 100  # in a bin
+POINTS = 2000  # of a line
+CAMPAIGNS = (("exact drives and poses", style.BLUE, "solid"),
+             ("lag, limits, noise, slip", style.ORANGE, (0, (5, 1.4))),
+             ("the same, poses up to 0.2 s late", style.PURPLE, (0, (3, 1, 1, 1))))
 
 
-def omega_max(arguments):
-    """The last one that was set."""
-    sets = [value.partition("=") for value in arguments]
-    found = [float(value) for key, _, value in sets if key == "robot.omega_max_radps"]
-    return found[-1] if found else OMEGA_MAX
-
-
-def load(path, column):
-    table = pyarrow.parquet.read_table(path, columns=[column, "collisions"])
-    arguments = json.loads(table.schema.metadata[b"berth"])["arguments"]
-    return table[column].to_numpy(), table["collisions"].to_numpy() > 0, arguments
+def load(path, *columns):
+    table = pyarrow.parquet.read_table(path, columns=list(columns))
+    return [table[column].to_numpy() for column in columns]
 
 
 def binned(values, collided, width):
@@ -64,42 +59,55 @@ def draw_rates(axes, rows, colour):
                       linewidth=0.9, capsize=1.8, capthick=0.9)
 
 
-def finish(axes, label, limit, name):
+def draw_violation(axes, path):
+    violation, collisions = load(path, "violation", "collisions")
+    rows = list(binned(100.0 * violation, collisions > 0, BIN))
+    axes.set_xlim(rows[0][0] - BIN, rows[-1][0] + BIN)
+    draw_rates(axes, rows, style.VERMILION)
     axes.set_yscale("log")
-    axes.set_xlabel(label)
-    axes.axvspan(axes.get_xlim()[0], limit, color="#E8F3EC", zorder=0, linewidth=0)
-    axes.axvline(limit, color=style.GREEN, linewidth=1.0, zorder=1)
-    axes.text(limit, 0.97, f" {name}", transform=axes.get_xaxis_transform(), color=style.GREEN, fontsize=8,
-              va="top", ha="left")
+    low, _ = axes.get_ylim()
+    axes.set_ylim(max(low, 1e-6), 1.0)
+    axes.axvspan(axes.get_xlim()[0], 0.0, color="#E8F3EC", zorder=0, linewidth=0)
+    axes.axvline(0.0, color=style.GREEN, linewidth=1.0, zorder=1)
+    axes.text(0.0, 0.97, " condition met to the left", transform=axes.get_xaxis_transform(), color=style.GREEN,
+              fontsize=8, va="top", ha="left")
+    axes.set_xlabel("missing of the demanded C \N{MINUS SIGN} R, %")
+    axes.set_ylabel("runs that collide")
 
 
-def draw(violation_path, late_path):
-    violation, collided, _ = load(violation_path, "violation")
-    delay, late_collided, arguments = load(late_path, "pose_delay_s")
+def draw_clearance(axes, paths):
+    for path, (name, colour, dashes) in zip(paths, CAMPAIGNS):
+        clearance, = load(path, "min_clearance_m")
+        clearance = 1000.0 * np.sort(clearance)
+        picked = np.unique(np.round(np.geomspace(1, len(clearance), POINTS)).astype(int))
+        axes.plot(clearance[picked - 1], picked / len(clearance), color=colour, linestyle=dashes, label=name)
+        axes.plot(clearance[0], 1.0 / len(clearance), marker="o", markersize=3.2, color=colour)
+    axes.set_yscale("log")
+    axes.set_xlim(-15.0, 200.0)
+    axes.axvspan(axes.get_xlim()[0], 0.0, color="#F6E4DC", zorder=0, linewidth=0)
+    axes.axvline(0.0, color=style.VERMILION, linewidth=1.0, zorder=1)
+    axes.set_xlabel("least clearance of a run, mm")
+    axes.set_ylabel("runs that come nearer")
+    axes.legend(loc="lower right", fontsize=7.5)
+
+
+def draw(violation, campaigns):
     figure = style.new_figure(7.2, 2.9)
-    left, right = figure.subplots(1, 2, sharey=True)
-    rows = list(binned(100.0 * violation, collided, 100.0 * VIOLATION_BIN))
-    left.set_xlim(rows[0][0] - 5.0, rows[-1][0] + 5.0)
-    draw_rates(left, rows, style.VERMILION)
-    finish(left, "missing of the demanded C \N{MINUS SIGN} R, %", 0.0, "condition met to the left")
-    left.set_ylabel("runs that collide")
-    rows = list(binned(omega_max(arguments) * delay, late_collided, ANGLE_BIN))
-    right.set_xlim(0.0, rows[-1][0] + 0.5 * ANGLE_BIN)
-    draw_rates(right, rows, style.BLUE)
-    finish(right, r"$\omega_\mathrm{max}$ times the pose's delay, rad", LIMIT_RAD, "0.15 rad")
-    low, _ = left.get_ylim()
-    left.set_ylim(max(low, 1e-6), 1.0)
-    left.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100.0 * rate:g} %"))
+    left, right = figure.subplots(1, 2)
+    draw_violation(left, violation)
+    draw_clearance(right, campaigns)
+    for axes in (left, right):
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100.0 * rate:g} %"))
     return figure
 
 
 def main():
-    if len(sys.argv) != 4 or not sys.argv[3].endswith(".png"):
-        print(__doc__.partition("\n\n")[2].partition("\n\n")[0].strip(), file=sys.stderr)
+    if len(sys.argv) != 6 or not sys.argv[5].endswith(".png"):
+        print("violation.py: usage: violation.py VIOLATION IDEAL DYNAMICS LATE FIGURE.png", file=sys.stderr)
         return 2
     style.apply()
     try:
-        style.save(draw(sys.argv[1], sys.argv[2]), sys.argv[3].removesuffix(".png"), ("png",))
+        style.save(draw(sys.argv[1], sys.argv[2:5]), sys.argv[5].removesuffix(".png"), ("png",))
     except (OSError, KeyError, ValueError) as error:
         print(f"violation.py: {error}", file=sys.stderr)
         return 2

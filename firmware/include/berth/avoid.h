@@ -12,11 +12,16 @@
  *     (CONSERVATIVE_TURN);
  *   no free heading: stop (BLOCKED), for as long as that holds.
  *
- * Pace. Drives with delay make the robot overshoot a turn that is meant to end within one period:
- * it swings about the edge, and dips into C. And a tracking error that is as large as the obstacle
- * says nothing about the speed: a robot that has come round too early turns back to a reference
- * that is still inside. With paced set and tau > 0, while no active obstacle is within its C,
- *   - turns to or along a cone's edge are planned over T + tau instead of T;
+ * Delay. Drives, or poses, that are late by tau make the robot overshoot a turn that is meant to
+ * end within one period: it swings about the edge and, within C, comes a little nearer each time,
+ * which no C - R counts. So a turn that keeps the heading free is clamped to reach the edge in T +
+ * tau.
+ *
+ * Pace. Turns to a free heading overshoot as well, and the robot dips into C. And a tracking error
+ * that is as large as the obstacle says nothing about the speed: a robot that has come round too
+ * early turns back to a reference that is still inside. With paced set and tau > 0, while no active
+ * obstacle is within its C,
+ *   - turns to a cone's edge are planned over T + tau instead of T, too;
  *   - the robot skirts with the speed that brings it to the reference's first sample beyond the
  *     obstacle (see BERTH_SCAN_AHEAD), as the crow flies, in 4/5 of the time that the reference
  *     still needs, and with v_max once the reference is there. Where no such sample is known, the
