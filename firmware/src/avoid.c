@@ -24,12 +24,6 @@
  * time before the reference is: a robot that comes late has no speed left to make it good. */
 #define PACE 1.25f
 
-#ifdef BERTH_WITHOUT_PACE
-#define WITH_PACE 0
-#else
-#define WITH_PACE 1
-#endif
-
 /* An active obstacle as the robot sees it. */
 typedef struct {
     float centre_rad; /* direction of its centre, relative to the heading */
@@ -294,7 +288,13 @@ static float paced_speed(const scene_t *scene, const berth_obstacle_slot_t *slot
 
 /* Whether the drives' delay is reckoned with: not where the robot stands to turn. */
 static bool is_paced(const berth_avoid_t *avoid, const view_t *view) {
-    return WITH_PACE && avoid->config.paced && !view->conservative;
+#ifdef BERTH_WITHOUT_PACE
+    (void)avoid;
+    (void)view;
+    return false;
+#else
+    return avoid->config.paced && !view->conservative;
+#endif
 }
 
 /* Speed that keeps the robot going round the obstacle that bounds its turn. */

@@ -13,6 +13,9 @@
 #define MILLISECOND_US 1000
 #define RELOAD_MAX 0xffffffu
 
+_Static_assert(UINT32_MAX / MHZ <= RELOAD_MAX / (uint32_t)MILLISECOND_US,
+               "a millisecond of any clock fits the counter");
+
 typedef struct {
     uint32_t low;
     uint32_t high;
@@ -77,8 +80,7 @@ static void sleep_until_us(void *context, int64_t deadline_us) {
 bool stm32_clock_start(stm32_clock_t *clock, const stm32_clock_config_t *config) {
     const uint32_t ticks_per_us = config->clock_hz / MHZ;
     *clock = (stm32_clock_t){.config = *config, .ticks_per_us = ticks_per_us};
-    if (ticks_per_us == 0u || config->clock_hz % MHZ != 0u ||
-        ticks_per_us > RELOAD_MAX / (uint32_t)MILLISECOND_US) {
+    if (ticks_per_us == 0u || config->clock_hz % MHZ != 0u) {
         clock->ticks_per_us = 1;
         return false;
     }

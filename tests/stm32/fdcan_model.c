@@ -176,7 +176,7 @@ static uint32_t read_txfqs(fdcan_model_t *m) {
     if (m->pending != 7) {
         m->offered |= BIT(put_index(m));
     }
-    return put_index(m) << 16 | (m->pending == 7 ? BIT(21) : 0u);
+    return (m->garbled ? 3u : put_index(m)) << 16 | (m->pending == 7 ? BIT(21) : 0u);
 }
 
 static void request(fdcan_model_t *m, uint32_t value) {
@@ -356,7 +356,7 @@ static uint32_t model_read(void *context, uint32_t offset) {
     case XIDAM:
         return m->xidam;
     case RXF0S:
-        return m->fill | m->get << 8 | (m->get + m->fill) % 3 << 16 |
+        return m->fill | (m->garbled ? 3u : m->get) << 8 | (m->get + m->fill) % 3 << 16 |
                (m->fill == 3 ? BIT(24) : 0u) | ((m->ir & BIT(2)) != 0 ? BIT(25) : 0u);
     case TXBC:
         return m->txbc;

@@ -31,6 +31,7 @@ typedef struct {
     bool init_stuck;     /* ... never */
     bool bus_dominant;   /* no recessive bits: it stays synchronizing */
     bool lazy_cancel;    /* cancellations are not carried out while the controller stands */
+    bool garbled;        /* what was offered or received is number 3, which does not exist */
     bool restricted;     /* ASM: as after a failed access to the message RAM */
 
     /* What the test may look at. */

@@ -174,6 +174,84 @@ static void test_recovery_by_hardware_unseen(void) {
     TEST_ASSERT_EQUAL_UINT32(1, state.restarts);
 }
 
+/* The wire's end of an aborted frame comes after bus-off: it is dropped then, and once. */
+static void test_a_frame_on_the_wire_at_bus_off_is_given_up_later(void) {
+    berth_can_frame_t frame;
+    bxcan_rig_open(&rig, NULL, 0);
+    sends(&rig.can, 1, 1);
+    TEST_ASSERT_TRUE(us.ops->offer(us.context, &frame));
+    bxcan_model_set_tec(&rig.model, 256);
+    bxcan_rig_interrupts(&rig);
+    TEST_ASSERT_EQUAL_UINT32(0, state_of(&rig.can).tx_dropped);
+    TEST_ASSERT_EQUAL_UINT32(0, state_of(&rig.can).tx_dropped);
+    us.ops->failed(us.context, NODE_ERROR_ACKNOWLEDGE);
+    const berth_can_state_t state = state_of(&rig.can);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, state.mode);
+    TEST_ASSERT_EQUAL_UINT32(1, state.tx_dropped);
+    TEST_ASSERT_FALSE(us.ops->offer(us.context, &frame));
+}
+
+static void recover_before_the_third_access(void *context, uint32_t number) {
+    bxcan_model_t *model = context;
+    if (number == 2) { /* the error state; the mode has been read */
+        model->boff = false;
+        model->recovering = false;
+        model->mode = BX_NORMAL;
+        model->tec = 0;
+    }
+}
+
+/* Mode and error state are two registers: what changes between them is seen at the next look. */
+static void test_back_on_the_bus_between_two_reads(void) {
+    rig.config.recovery = STM32_CAN_RECOVER_ORDERED;
+    bxcan_rig_open(&rig, NULL, 0);
+    bxcan_model_set_tec(&rig.model, 256);
+    bxcan_rig_interrupts(&rig);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+    bxcan_restart(&rig.driver);
+    rig.model.mode_delay = 3;
+    mode();
+    TEST_ASSERT_EQUAL_INT(BX_INIT, rig.model.mode);
+    io_model_hook(recover_before_the_third_access, &rig.model);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+    io_model_hook(NULL, NULL);
+    const berth_can_state_t state = state_of(&rig.can);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state.mode);
+    TEST_ASSERT_EQUAL_UINT32(1, state.restarts);
+}
+
+/* A mailbox that is not ours is left alone until it is empty, whoever has filled it. */
+static void test_a_mailbox_that_is_full_already_is_passed_over(void) {
+    bxcan_rig_open(&rig, NULL, 0);
+    rig.model.boxes[0].state = BX_PENDING;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 0x20, 2));
+    TEST_ASSERT_EQUAL_INT(BX_PENDING, rig.model.boxes[1].state);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 0x20, 3));
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, sends(&rig.can, 0x20, 4));
+}
+
+static void hear_before_each_access(void *context, uint32_t number) {
+    const berth_can_frame_t frame = frame_with(number & 0x7ffu, 0);
+    (void)context;
+    if (rig.model.fmp < BXCAN_MODEL_FIFO) {
+        hears(&frame);
+    }
+}
+
+/* Frames that come faster than they are fetched do not hold the interrupt for ever. */
+static void test_the_interrupt_ends_under_a_flood(void) {
+    berth_can_frame_t frame;
+    bxcan_rig_open(&rig, NULL, 0);
+    io_model_hook(hear_before_each_access, NULL);
+    bxcan_receive_interrupt(&rig.driver);
+    io_model_hook(NULL, NULL);
+    TEST_ASSERT_TRUE(bxcan_model_fifo_line(&rig.model)); /* and comes again */
+    for (uint32_t i = 0; i < 8; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, receive(&rig.can, &frame));
+    }
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, receive(&rig.can, &frame));
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_mode_word);
@@ -183,5 +261,9 @@ int main(void) {
     RUN_TEST(test_two_controllers_share_the_banks);
     RUN_TEST(test_a_data_frame_waits_for_a_remote_frame_and_the_other_way_round);
     RUN_TEST(test_recovery_by_hardware_unseen);
+    RUN_TEST(test_a_frame_on_the_wire_at_bus_off_is_given_up_later);
+    RUN_TEST(test_back_on_the_bus_between_two_reads);
+    RUN_TEST(test_a_mailbox_that_is_full_already_is_passed_over);
+    RUN_TEST(test_the_interrupt_ends_under_a_flood);
     return UNITY_END();
 }

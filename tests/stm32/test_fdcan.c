@@ -166,6 +166,83 @@ static void test_a_lower_buffer_does_not_overtake(void) {
     TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 0x20, 3));
 }
 
+/* The wait for an idle bus ends by the clock where there is one. */
+static void test_a_stuck_bus_is_waited_for_so_long(void) {
+    rig.model.bus_dominant = true;
+    rig_time.step_us = 100;
+    TEST_ASSERT_EQUAL_INT(STM32_CAN_ERROR_NOT_JOINED,
+                          fdcan_open(&rig.driver, &rig.config, NULL, 0));
+    TEST_ASSERT_TRUE(io_model_accesses() < 1000u);
+}
+
+static void recover_before_the_second_access(void *context, uint32_t number) {
+    fdcan_model_t *model = context;
+    if (number == 1) { /* the protocol status; the control register has been read */
+        model->boff = false;
+        model->init = false;
+        model->synchronized = true;
+        model->tec = 0;
+    }
+}
+
+/* Control and protocol status are two registers: what changes between them is seen at the next
+ * look. */
+static void test_back_on_the_bus_between_two_reads(void) {
+    rig.config.recovery = STM32_CAN_RECOVER_ORDERED;
+    fdcan_rig_open(&rig, NULL, 0);
+    fdcan_model_set_tec(&rig.model, 256);
+    fdcan_rig_interrupts(&rig);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+    rig.model.init_delay = 1000;
+    fdcan_restart(&rig.driver);
+    TEST_ASSERT_TRUE(rig.model.init);
+    io_model_hook(recover_before_the_second_access, &rig.model);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_BUS_OFF, mode());
+    io_model_hook(NULL, NULL);
+    const berth_can_state_t state = state_of(&rig.can);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_ERROR_ACTIVE, state.mode);
+    TEST_ASSERT_EQUAL_UINT32(1, state.restarts);
+}
+
+static void hear_before_each_access(void *context, uint32_t number) {
+    const berth_can_frame_t frame = frame_with(number & 0x7ffu, 0);
+    (void)context;
+    if (rig.model.fill < 3) {
+        us.ops->hear(us.context, &frame);
+    }
+}
+
+/* Frames that come faster than they are fetched do not hold the interrupt for ever. */
+static void test_the_interrupt_ends_under_a_flood(void) {
+    berth_can_frame_t frame;
+    fdcan_rig_open(&rig, NULL, 0);
+    io_model_hook(hear_before_each_access, NULL);
+    fdcan_interrupt(&rig.driver);
+    io_model_hook(NULL, NULL);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, rig.model.fill);
+    for (uint32_t i = 0; i < 16; i++) {
+        TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, receive(&rig.can, &frame));
+    }
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, receive(&rig.can, &frame));
+}
+
+/* A broken controller: no memory beyond the message RAM's three places is touched for it. */
+static void test_places_that_do_not_exist_are_not_used(void) {
+    berth_can_frame_t frame = frame_with(5, 5);
+    fdcan_rig_open(&rig, NULL, 0);
+    rig.model.garbled = true;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, sends(&rig.can, 1, 1));
+    TEST_ASSERT_EQUAL_UINT32(0, rig.model.pending);
+    us.ops->hear(us.context, &frame);
+    fdcan_interrupt(&rig.driver);
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_AGAIN, receive(&rig.can, &frame));
+    TEST_ASSERT_GREATER_THAN_UINT32(0, state_of(&rig.can).rx_lost);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, rig.model.violations); /* it was told so */
+    rig.model.violations = 0;
+    rig.model.garbled = false;
+    TEST_ASSERT_EQUAL_INT(BERTH_CAN_DONE, sends(&rig.can, 1, 1));
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_one_megabit);
@@ -175,5 +252,9 @@ int main(void) {
     RUN_TEST(test_received_frames_survive_the_restart);
     RUN_TEST(test_restricted_operation_is_down);
     RUN_TEST(test_a_lower_buffer_does_not_overtake);
+    RUN_TEST(test_a_stuck_bus_is_waited_for_so_long);
+    RUN_TEST(test_back_on_the_bus_between_two_reads);
+    RUN_TEST(test_the_interrupt_ends_under_a_flood);
+    RUN_TEST(test_places_that_do_not_exist_are_not_used);
     return UNITY_END();
 }

@@ -87,10 +87,25 @@ static void test_any_clock_and_rate(void) {
     }
 }
 
+/* A length beyond 8 breaks the contract; nothing beyond the data is read. */
+static void test_packing_reads_eight_bytes_at_most(void) {
+    berth_can_frame_t frame = {.data = {1, 2, 3, 4, 5, 6, 7, 8}};
+    for (uint32_t length = 0; length < 256; length++) {
+        uint32_t words[2] = {0x5a5a5a5a, 0x5a5a5a5a};
+        frame.length = (uint8_t)length;
+        stm32_can_pack(&frame, words);
+        TEST_ASSERT_EQUAL_HEX32(length < 4 ? 0x04030201u & ((1u << 8 * length) - 1u) : 0x04030201u,
+                                words[0]);
+        TEST_ASSERT_EQUAL_INT(length > 4, words[1] != 0);
+        TEST_ASSERT_EQUAL_INT(length >= 8, words[1] == 0x08070605u);
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_common_clocks_at_one_megabit);
     RUN_TEST(test_impossible_ones_are_refused);
     RUN_TEST(test_any_clock_and_rate);
+    RUN_TEST(test_packing_reads_eight_bytes_at_most);
     return UNITY_END();
 }
