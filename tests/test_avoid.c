@@ -746,27 +746,6 @@ static void test_names_of_the_modes(void) {
     TEST_ASSERT_EQUAL_STRING("?", berth_mode_text((berth_mode_t)5));
 }
 
-/* Three cones all around, of which two overlap at the back by the tolerance of "free", to the last
- * bits: seen from one side there is a free heading, and from the other side there is none. In doubt
- * the robot stands; mirrored too. A little apart, there is a way between them from both sides. */
-static void test_a_gap_that_only_one_side_sees_is_none(void) {
-    for (int sign = -1; sign <= 1; sign += 2) {
-        const float mirror = (float)sign;
-        for (int apart = 0; apart < 2; apart++) {
-            const float shift = apart == 1 ? 0x1p-10f : 0.0f;
-            rig_start(&rig);
-            rig_add(&rig, 0x1.189f94p-1f, mirror * 0x1.792abep-5f, NEAR);
-            rig_add(&rig, -0x1.24ce2ep-2f, mirror * (0x1.0d93bep-1f + shift), NEAR);
-            rig_add(&rig, -0x1.ef165cp-3f, mirror * -0x1.ec8b7p-2f, NEAR);
-            const berth_mode_t mode = rig_step(&rig, 0.3f, 0.5f);
-            TEST_ASSERT_EQUAL_UINT8(3, rig.avoid.active);
-            TEST_ASSERT_EQUAL_INT(apart == 1 ? BERTH_MODE_REGULATED : BERTH_MODE_BLOCKED, mode);
-            TEST_ASSERT_TRUE((rig.command.omega_radps != 0.0f) == (apart == 1));
-            TEST_ASSERT_TRUE(apart == 1 || rig.command.v_mps == 0.0f);
-        }
-    }
-}
-
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_without_obstacles_the_command_passes);
@@ -828,6 +807,5 @@ int main(void) {
     RUN_TEST(test_clearance_is_the_least_of_the_active_ones);
     RUN_TEST(test_full_list);
     RUN_TEST(test_names_of_the_modes);
-    RUN_TEST(test_a_gap_that_only_one_side_sees_is_none);
     return UNITY_END();
 }

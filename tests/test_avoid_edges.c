@@ -512,6 +512,28 @@ static void test_a_passed_exit_is_dropped_outside_the_radius(void) {
     }
 }
 
+/* Three cones all around, of which two overlap at the back by the tolerance of "free", to the last
+ * bits: seen from one side there is a free heading, and from the other side there is none. In doubt
+ * the robot stands; mirrored too. A little apart, there is a way between them from both sides. */
+static void test_a_gap_that_only_one_side_sees_is_none(void) {
+    static const float radii[3] = {0.25f, 0.375f, 1.25f};
+    for (int sign = -1; sign <= 1; sign += 2) {
+        const float mirror = (float)sign;
+        for (int apart = 0; apart < 2; apart++) {
+            const float shift = apart == 1 ? 0x1p-10f : 0.0f;
+            rig_start(&rig);
+            rig_add(&rig, 0x1.189f94p-1f, mirror * 0x1.792abep-5f, radii);
+            rig_add(&rig, -0x1.24ce2ep-2f, mirror * (0x1.0d93bep-1f + shift), radii);
+            rig_add(&rig, -0x1.ef165cp-3f, mirror * -0x1.ec8b7p-2f, radii);
+            const berth_mode_t mode = rig_step(&rig, 0.3f, 0.5f);
+            TEST_ASSERT_EQUAL_UINT8(3, rig.avoid.active);
+            TEST_ASSERT_EQUAL_INT(apart == 1 ? BERTH_MODE_REGULATED : BERTH_MODE_BLOCKED, mode);
+            TEST_ASSERT_TRUE((rig.command.omega_radps != 0.0f) == (apart == 1));
+            TEST_ASSERT_TRUE(apart == 1 || rig.command.v_mps == 0.0f);
+        }
+    }
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_ranges_of_the_configuration);
@@ -521,6 +543,7 @@ int main(void) {
     RUN_TEST(test_a_regulated_radius_within_the_slack_is_conservative);
     RUN_TEST(test_a_side_is_kept_to_its_release);
     RUN_TEST(test_a_heading_at_the_tolerance_is_free);
+    RUN_TEST(test_a_gap_that_only_one_side_sees_is_none);
     RUN_TEST(test_of_equally_near_kept_sides_the_first_holds);
     RUN_TEST(test_of_equally_near_obstacles_the_plan_at_the_first_holds);
     RUN_TEST(test_after_the_plans_end_it_skirts_at_its_own_speed);
