@@ -746,8 +746,7 @@ static void test_names_of_the_modes(void) {
     TEST_ASSERT_EQUAL_STRING("?", berth_mode_text((berth_mode_t)5));
 }
 
-int main(void) {
-    UNITY_BEGIN();
+static void run_tests_of_headings_and_sides(void) {
     RUN_TEST(test_without_obstacles_the_command_passes);
     RUN_TEST(test_an_inactive_obstacle_changes_nothing);
     RUN_TEST(test_an_obstacle_is_active_up_to_its_regulated_radius);
@@ -773,6 +772,11 @@ int main(void) {
     RUN_TEST(test_side_is_the_smaller_angle_about_the_obstacle);
     RUN_TEST(test_plan_straight_through_asks_for_no_side);
     RUN_TEST(test_edges_as_near_as_each_other);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    run_tests_of_headings_and_sides();
     RUN_TEST(test_plan_that_never_leaves_asks_for_no_side);
     RUN_TEST(test_plan_that_never_enters_asks_for_no_side);
     RUN_TEST(test_side_is_kept_while_the_pose_wavers);
