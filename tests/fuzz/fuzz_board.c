@@ -439,9 +439,14 @@ static void op_wanted_frame(world_t *world) {
     send_all(world);
 }
 
+/* Any frame at all, with any time. */
 static void op_any_frame(world_t *world) {
     berth_can_frame_t frame = in_frame(&world->in);
-    frame.time_us = (in_u8(&world->in) & 1u) != 0 ? (int64_t)in_u64(&world->in) : world->now_us;
+    const uint8_t how = in_u8(&world->in);
+    frame.time_us = (how & 1u) != 0 ? (int64_t)in_u64(&world->in) : world->now_us;
+    if ((how & 2u) != 0) {
+        frame.length = in_u8(&world->in); /* more than a frame can have, from a bad platform */
+    }
     give(world, &frame);
     send_all(world);
 }

@@ -164,6 +164,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             break;
         default:
             frame = in_frame(&in);
+            frame.length = (uint8_t)(frame.length + (in_u8(&in) & 128u));
             decode(&frame);
             break;
         }

@@ -174,6 +174,10 @@ def all_seeds(record):
     board = dict(board_seeds())
     seeds = {f"board_{name}": board for name in ("odrive", "vesc", "cia402", "mixed")}
     seeds |= {"gen_csv": csv_seeds(), "candump": candump_seeds(), "slcan": slcan_seeds()}
+    seeds["prompt"] = {
+        "session": b"help\rstatus\rpose 300 0 1571\rarm\r\xff\x3bstart\r\xff\x3bstatus\rstop\r\xff\x3bstatus\r",
+        "fault": b"pose 300 0 1571\rarm\r\xff\x3b\xff\x02\xff\x3bstatus\rreset\rarx\bm\r" + b"x" * 60 + b"\r",
+    }
     seeds["scenario"] = {"all": SCENARIO.encode(), "set": ASSIGNMENTS.encode()}
     seeds["replay"] = {"setup": (SETUP + SCENARIO).encode(), **(record_seeds(record) if record else {})}
     return seeds

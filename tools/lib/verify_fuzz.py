@@ -157,7 +157,7 @@ def claims(rows, short):
         {
             "id": "fuzz-crashes",
             "claim": "No input from outside crashes anything or breaks a promise: whole boards with each drive "
-                     "protocol, drives, controller, constrained tracker, frames, link, virtual bus, SLCAN, CSV, "
+                     "protocol, drives, controller, constrained tracker, frames, link, virtual bus, SLCAN, the prompt, CSV, "
                      "scenarios, candump logs, records; sanitizers on",
             "figure": figure,
             "command": COMMAND,
