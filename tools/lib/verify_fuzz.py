@@ -82,7 +82,7 @@ def fuzz(target, seconds, short):
     """One target for so long: a row of the table."""
     crashes = WORK / "crashes" / target
     crashes.mkdir(parents=True, exist_ok=True)
-    command = ["nice", PROGRAMS / f"fuzz_{target}", f"-max_total_time={max(1, round(seconds))}",
+    command = [PROGRAMS / f"fuzz_{target}", f"-max_total_time={max(1, round(seconds))}",
                "-print_final_stats=1", f"-artifact_prefix={crashes}/", *options(target),
                *folders(target, short)]
     with open(WORK / f"{target}.log", "w+", errors="replace") as log:
