@@ -63,8 +63,12 @@ def folders(target, short=False):
     if short:
         shutil.rmtree(found, ignore_errors=True)
     found.mkdir(parents=True, exist_ok=True)
+    return [str(found), *tree_folders(target)]
+
+
+def tree_folders(target):
     tree = [TESTS / kind / target for kind in ("corpus", "regressions")]
-    return [str(found), *(str(folder) for folder in tree if folder.is_dir())]
+    return [str(folder) for folder in tree if folder.is_dir()]
 
 
 def options(target):
@@ -157,8 +161,8 @@ def claims(rows, short):
         {
             "id": "fuzz-crashes",
             "claim": "No input from outside crashes anything or breaks a promise: whole boards with each drive "
-                     "protocol, drives, controller, constrained tracker, frames, link, virtual bus, SLCAN, the prompt, CSV, "
-                     "scenarios, candump logs, records; sanitizers on",
+                     "protocol, drives, controller, constrained tracker, frames, link, virtual bus, SLCAN, the "
+                     "prompt, CSV, scenarios, candump logs, records; sanitizers on",
             "figure": figure,
             "command": COMMAND,
             "holds": not crashed and ran,
@@ -185,9 +189,9 @@ def claims(rows, short):
 
 
 def table(rows):
-    lines = ["| target | executions | core hours | edges |", "|---|---|---|---|"]
+    lines = ["| target | executions | core seconds | edges |", "|---|---|---|---|"]
     for row in rows:
-        lines.append(f"| {row['target']} | {row['executions']:,} | {row['seconds'] / 3600:.2f} | {row['edges']} |")
+        lines.append(f"| {row['target']} | {row['executions']:,} | {row['seconds']:.0f} | {row['edges']} |")
     return lines
 
 
@@ -227,7 +231,7 @@ def reached(target):
     program = REACH / "tests" / "fuzz" / f"replay_{target}"
     raw = REACH / f"{target}.profraw"
     data = REACH / f"{target}.profdata"
-    run([program, *folders(target)], env={**os.environ, "LLVM_PROFILE_FILE": str(raw)})
+    run([program, *tree_folders(target)], env={**os.environ, "LLVM_PROFILE_FILE": str(raw)})
     run(["llvm-profdata-19", "merge", "-sparse", raw, "-o", data])
     summary = json.loads(run(["llvm-cov-19", "export", "-summary-only", f"-instr-profile={data}", program]))
     figures = {}
