@@ -277,7 +277,8 @@ static int8_t planned_side(const scene_t *scene, const berth_obstacle_slot_t *sl
 /* Speed with which the robot is at the exit a little before the reference is. */
 static float paced_speed(const scene_t *scene, const berth_obstacle_slot_t *slot,
                          const berth_sample_t *beyond) {
-    const int32_t ahead = (int32_t)(slot->memory.cursor - scene->reference->total);
+    const uint32_t gap = slot->memory.cursor - scene->reference->total;
+    const int32_t ahead = (int32_t)gap;
     if (ahead <= 0) {
         return scene->avoid->v_max_mps;
     }

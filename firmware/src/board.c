@@ -310,6 +310,8 @@ void berth_board_command(berth_board_t *board, berth_command_code_t command, int
         obey(board, command, now_us);
     } else if (command == BERTH_COMMAND_EMERGENCY_STOP) {
         obey(board, command, board->last_us);
+    } else {
+        /* the time that cannot be has stopped the board */
     }
 }
 

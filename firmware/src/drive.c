@@ -51,12 +51,11 @@ static void forget_feedback(berth_drive_t *drive) {
     drive_position_lost(drive);
 }
 
-/* An initializer zeroes a union's first member. */
-_Static_assert(sizeof(((berth_drive_t *)0)->state) == sizeof(berth_drive_cia402_state_t),
-               "no protocol's state is larger than the first");
-
 berth_error_t berth_drive_init(berth_drive_t *drive, const berth_drive_config_t *config,
                                berth_refusal_t *refusal) {
+    /* an initializer zeroes a union's first member */
+    _Static_assert(sizeof drive->state == sizeof(berth_drive_cia402_state_t),
+                   "no protocol's state is larger than the first");
     if (drive == NULL || config == NULL || config->protocol == NULL || refusal == NULL) {
         return BERTH_ERROR_ARGUMENT;
     }
