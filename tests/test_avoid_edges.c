@@ -435,6 +435,16 @@ static void test_a_start_begins_with_the_first(void) {
     }
 }
 
+/* Wherever the reference begins: it ends at the horizon, with nothing found. */
+static void test_a_start_within_the_plan_ends_at_the_horizon(void) {
+    start_line(1000, false, 1);
+    rig.reference.index = 300;
+    rig.reference.total = 300;
+    lookahead_start(&rig.avoid, &rig.obstacles, &rig.plan, &rig.reference);
+    TEST_ASSERT_EQUAL_UINT32(700, cursor(0));
+    TEST_ASSERT_EQUAL_UINT8(SEEKS_INSIDE, rig.obstacles.slots[0].memory.scan);
+}
+
 /* --- exits ------------------------------------------------------------------------------------ */
 
 static void expect_exit(bool known, float x_m) {
@@ -559,6 +569,7 @@ int main(void) {
     RUN_TEST(test_fewer_than_four_are_looked_at_once);
     RUN_TEST(test_without_obstacles_it_touches_none);
     RUN_TEST(test_a_start_begins_with_the_first);
+    RUN_TEST(test_a_start_within_the_plan_ends_at_the_horizon);
     RUN_TEST(test_an_exit_is_399_samples_ahead_at_most);
     RUN_TEST(test_an_exit_across_the_end_of_a_lap);
     RUN_TEST(test_the_current_sample_has_not_been_passed);
