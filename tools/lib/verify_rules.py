@@ -143,8 +143,10 @@ def main():
         one.update(id=one["id"] + "-short", short=True)
     misra, notes = misra_claims()
     budgets, rows = budget_claims()
+    coverage = ["But for the budgets, none of these looks at firmware/boards, which are examples; hal/mps2, "
+                "which is for one processor, is seen by MISRA C and clang-tidy alone, hal/linux by all but MISRA C."]
     claims = misra + part + budgets + planted_claims()
-    options.out.write_text(json.dumps({"claims": claims, "notes": notes + rows}, indent=1) + "\n")
+    options.out.write_text(json.dumps({"claims": claims, "notes": notes + rows + coverage}, indent=1) + "\n")
     return 0
 
 
