@@ -75,6 +75,7 @@ def board(left, right, *more):
     return Proof(" ".join(("board", left, right)), "board.c", (*sides, *more))
 
 
+LONGEST = "board cia402 cia402"  # left out of the short form
 PROOFS_RUN = (
     Proof("controller", "controller.c"),
     board("cia402", "cia402", "BERTH_OBSTACLES_MAX=2"),
@@ -239,8 +240,8 @@ def alarm_claims(outcomes):
         claim("proof-alarms",
               "No run-time error in any public function: index, pointer, uninitialised read, division, shift, "
               "signed overflow, float to integer",
-              f"{alarms} alarms; {len(public) - len(missing)} of {len(public)} public functions in "
-              f"{len(outcomes)} proofs", alarms == 0 and not missing),
+              f"{alarms} alarms; {len(public) - len(missing)} of {len(public)} public functions",
+              alarms == 0 and not missing),
         claim("proof-reached", "Statements of the analysed functions that the proofs reach, as one proof sees each",
               f"at least {100 * reached // total} %", reached >= 0.98 * total),
     ]
@@ -282,8 +283,9 @@ NOTES = (
     "hold 0 or 1, and a platform's three CAN functions do no more than answer. Machine: 32 bits, two's complement, "
     "IEEE 754 floats that round to nearest. The preconditions in the headers (`requires`) are what callers below "
     "the controller and the board have to keep.",
-    "The boards' proofs (two cia402; odrive and vesc with the loop of link.h) have 2 slots for obstacles, "
-    "the controller's and avoidance's own 16; the board's tracker is the gain, the controller's both.",
+    "The boards' proofs (two cia402, which the short form leaves out; odrive and vesc with the loop of link.h) "
+    "have 2 slots for obstacles, the controller's and avoidance's own 16; the board's tracker is the gain, the "
+    "controller's both.",
     "NaN and infinity: with finite input in the ranges that validation demands, they are "
     "alarms too in wrap, sine and cosine up to 3 pi, arcsine, error, law, limits while avoiding and wheels "
     "(tests/proof/finite.c). Not shown by this analysis, which knows ranges but no relations: the scaling while "
@@ -294,7 +296,7 @@ NOTES = (
 def arguments():
     parser = argparse.ArgumentParser(prog="tools/lib/verify_proofs.py")
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--short", action="store_true", help="the same proofs; bounds.md is compared, not written")
+    parser.add_argument("--short", action="store_true", help=f"without {LONGEST}; bounds.md is compared, not written")
     parser.add_argument("--minutes", type=float, help="not looked at: the proofs take what they take")
     parser.add_argument("--only", help="proofs whose names contain this")
     parser.add_argument("--keep", type=Path, help="where to leave the analyser's logs")
@@ -304,6 +306,8 @@ def arguments():
 def analyse(options):
     """Runs the proofs, and those with planted errors unless only some are wanted."""
     proofs = [proof for proof in PROOFS_RUN if (options.only or "") in proof.name]
+    if options.short:
+        proofs = [proof for proof in proofs if proof.name != LONGEST]
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2 * os.cpu_count()) as pool:
         sources = Path(folder) / "src"
         proof_loops.annotate(sources)
