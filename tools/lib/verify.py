@@ -44,7 +44,7 @@ QUOTES = (
     ("coverage-mcdc", "conditions shown to decide by tests (MC/DC)"),
     ("mutation-score", "mutants killed"),
     ("fuzz-crashes", "fuzzing with sanitizers"),
-    ("misra-open", "MISRA C:2012"),
+    ("misra", "MISRA C:2012"),
     ("campaign-ideal", "random scenes, exact drives"),
     ("campaign-dynamics", "random scenes with drive lag, noise, slip and late poses"),
     ("safety-tree", "fault tree from each hardware failure to the stop"),
@@ -206,8 +206,10 @@ def readme_text():
 
 def write_page():
     EVIDENCE.mkdir(exist_ok=True)
-    PAGE.write_text(page_text())
-    README.write_text(readme_text())
+    for path, text in ((PAGE, page_text()), (README, readme_text())):
+        whole = path.with_suffix(".part")  # so that an interrupt leaves no half page
+        whole.write_text(text)
+        whole.replace(path)
 
 
 def junit(path, rows):
