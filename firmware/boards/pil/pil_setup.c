@@ -65,7 +65,7 @@ static bool make_config(const pil_options_t *options, uint32_t period_us,
                    .track_m = TRACK_M,
                    .v_max_mps = V_MAX_MPS,
                    .omega_max_radps = OMEGA_MAX_RADPS},
-        .avoid = {.skirt_m = SKIRT_M, .v_creep_mps = V_CREEP_MPS},
+        .avoid = {.skirt_m = SKIRT_M, .v_creep_mps = V_CREEP_MPS, .paced = true},
     };
     for (uint8_t side = 0; side < 2; side++) {
         config->drives[side].protocol = &berth_drive_odrive;
