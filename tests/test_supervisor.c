@@ -1,38 +1,9 @@
 /* The supervisor by itself: every state with every command, every reason to stop, and time. */
-#include "berth/supervisor.h"
+#include "supervisor_rig.h"
 #include "support.h"
-
-#include "unity.h"
 
 #include <math.h>
 #include <stdio.h>
-
-static berth_supervisor_t supervisor;
-static berth_supervisor_config_t config;
-static berth_supervisor_inputs_t inputs;
-static berth_refusal_t refusal;
-
-void setUp(void) {
-    config = (berth_supervisor_config_t){
-        .fix_timeout_us = 300000,
-        .period_late_us = 150000,
-        .transmit_timeout_us = 100000,
-        .arm_timeout_us = 1000000,
-        .stop_timeout_us = 500000,
-        .standing_radps = 0.2f,
-        .following_radps = 2.0f,
-        .following_us = 200000,
-    };
-    inputs = (berth_supervisor_inputs_t){
-        .drives_enabled = true, .standing = true, .pose_known = true, .fix_age_us = 0};
-    TEST_ASSERT_EQUAL_INT(BERTH_OK, berth_supervisor_init(&supervisor, &config, &refusal));
-}
-
-void tearDown(void) {}
-
-static void command(berth_command_code_t code, int64_t now_us) {
-    berth_supervisor_command(&supervisor, code, true, now_us);
-}
 
 static berth_supervisor_state_t step(int64_t now_us) {
     return berth_supervisor_step(&supervisor, &inputs, now_us);

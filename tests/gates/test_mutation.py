@@ -62,7 +62,7 @@ def fixture_project(tmp_path, monkeypatch):
     for name, value in {
         "SOURCES": tmp_path, "BUILD": build, "OUT": tmp_path, "LAST": tmp_path / "last.json",
         "REGISTER": tmp_path / "register.txt", "MODULES": {"thing": (("thing.c",), ("test_thing",))},
-        "INCLUDED": {}, "ALONE": {}, "build": lambda: None,
+        "INCLUDED": {}, "ALONE": {}, "build": lambda *_: None,
     }.items():
         monkeypatch.setattr(mutation, name, value)
 

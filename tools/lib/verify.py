@@ -40,7 +40,8 @@ PARTS = (
 )
 # What the README's first screen quotes: id of a claim, and what is said of its figure.
 QUOTES = (
-    ("proof-alarms", "run-time errors, by static analysis of every public function for any input"),
+    ("proof-alarms",
+     "run-time errors by static analysis: any float bits, any frame, any time; what is assumed is on the page"),
     ("coverage-mcdc", "conditions shown to decide by tests (MC/DC)"),
     ("mutation-score", "mutants killed"),
     ("fuzz-crashes", "fuzzing with sanitizers"),

@@ -16,6 +16,8 @@ import sys
 import time
 from pathlib import Path
 
+from cmake_build import build
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "gcc-release"
 OUT = ROOT / "out" / "campaign"
@@ -24,16 +26,6 @@ DRIVER = [sys.executable, "-B", str(ROOT / "tools" / "lib" / "campaign.py")]
 
 LONG = {"ideal": 1000000, "dynamics": 200000, "bus": 3000, "violation": 60000, "late": 60000}
 SHORT = {"ideal": 40000, "dynamics": 6000, "bus": 150, "violation": 6000, "late": 6000}
-
-
-def build():
-    log = ROOT / "build" / "verify" / "campaigns.build.log"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with open(log, "wb") as file:
-        for command in (["cmake", "--preset", "gcc-release"],
-                        ["cmake", "--build", "--preset", "gcc-release", "--target", "berth-sim"]):
-            if subprocess.run(command, cwd=ROOT, stdout=file, stderr=file, check=False).returncode != 0:
-                raise SystemExit(f"cannot build berth-sim; log: {log}")
 
 
 def environment():
@@ -166,7 +158,7 @@ def main():
     options = parser.parse_args()
     short = options.short
     runs = SHORT if short else LONG
-    build()
+    build("gcc-release", "berth-sim")
     OUT.mkdir(parents=True, exist_ok=True)
     claims = [
         clear("ideal", "{runs} random scenes, overlapping obstacles included, exact drives and poses: no collision",

@@ -20,6 +20,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from cmake_build import build
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "clang-fuzz"
 PROGRAMS = BUILD / "tests" / "fuzz"
@@ -45,11 +47,6 @@ def run(command, **options):
         print(done.stdout[-4000:] + done.stderr[-4000:])
         raise SystemExit(f"{' '.join(map(str, command))}: status {done.returncode}")
     return done.stdout
-
-
-def build():
-    run(["cmake", "--preset", "clang-fuzz"])
-    run(["cmake", "--build", "--preset", "clang-fuzz", "--parallel", str(os.cpu_count())])
 
 
 def targets():
@@ -271,7 +268,7 @@ def arguments():
 
 def main():
     chosen = arguments()
-    build()
+    build("clang-fuzz")
     WORK.mkdir(parents=True, exist_ok=True)
     if chosen.merge:
         for target in targets():

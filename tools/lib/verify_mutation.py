@@ -33,6 +33,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from cmake_build import build
 from mutants import Register, block, judge, mutants_of, table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -132,16 +133,6 @@ def compile_test(place, name):
                str(folder / f"{name}.c"), "-o", str(program), f"-Wl,-rpath,{BUILD}/firmware",
                *(str(BUILD / library) for library in libraries), "-lm"]
     return program if subprocess.run(command, capture_output=True).returncode == 0 else None
-
-
-def build():
-    for command in (["cmake", "--preset", "gcc-mutation"],
-                    ["cmake", "--build", "--preset", "gcc-mutation", "--parallel", "--target",
-                     *sorted({name for _, names in MODULES.values() for name in names})]):
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-        if done.returncode != 0:
-            print(done.stdout[-4000:] + done.stderr[-4000:])
-            raise SystemExit("the tests do not build")
 
 
 # --- trying ---------------------------------------------------------------------------------------
@@ -350,7 +341,7 @@ def run(options, everything):
     """The results, kept for --again and --judge but for those of a sample."""
     modules = options.module or list(MODULES)
     before = digest()
-    build()
+    build("gcc-mutation", *sorted({name for _, names in MODULES.values() for name in names}))
     tests = Tests(modules)
     tests.measure()
     originals = {name: object_code(name, (SOURCES / name).read_text())

@@ -16,6 +16,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from cmake_build import build
+
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "gcc-release"
 BENCH = BUILD / "tools" / "bench_recovery"
@@ -30,16 +32,6 @@ NAMES = {"before": "before", "paced": "now"}
 SEED, RUNS, RUNS_SHORT = 1, 2000, 60
 COMMAND = "tools/verify --write recovery"
 NEVER = 0.002  # of the encounters with lag may end without the robot back before the next
-
-
-def build():
-    log = ROOT / "build" / "verify" / "recovery.build.log"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with open(log, "wb") as file:
-        for command in (["cmake", "--preset", "gcc-release"],
-                        ["cmake", "--build", "--preset", "gcc-release", "--target", "bench_recovery"]):
-            if subprocess.run(command, cwd=ROOT, stdout=file, stderr=file, check=False).returncode != 0:
-                raise SystemExit(f"cannot build bench_recovery; log: {log}")
 
 
 def quantile(values, part):
@@ -193,7 +185,7 @@ def main():
     parser.add_argument("--readme", action="store_true")
     options = parser.parse_args()
     runs = RUNS_SHORT if options.short else RUNS
-    build()
+    build("gcc-release", "bench_recovery")
     figures = measure_all(runs)
     lines = table(figures)
     if options.readme:

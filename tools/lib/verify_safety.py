@@ -16,6 +16,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from cmake_build import build
+
 ROOT = Path(__file__).resolve().parents[2]
 NOTES = ROOT / "firmware" / "safety.md"
 BUILD = ROOT / "build" / "gcc-release"
@@ -72,14 +74,6 @@ def absent(tests):
     return wrong
 
 
-def build(programs):
-    for command in (["cmake", "--preset", "gcc-release"],
-                    ["cmake", "--build", "--preset", "gcc-release", "--parallel", "--target", *programs]):
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-        if done.returncode != 0:
-            raise SystemExit(f"the tests do not build:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
-
-
 def path_of(program):
     return next(path for path in (BUILD / "tests" / program, BUILD / "tests" / "stm32" / program) if path.exists())
 
@@ -96,7 +90,7 @@ def passed_functions(program):
 def failing(tests):
     """Those of (program, function) that do not pass here, in any program made of their source."""
     programs = {name: PROGRAMS.get(name, (name,)) for name, _ in tests}
-    build(sorted({program for made in programs.values() for program in made}))
+    build("gcc-release", *sorted({program for made in programs.values() for program in made}))
     passed = {program: passed_functions(program) for made in programs.values() for program in made}
     return [f"{name}::{function}" for name, function in tests
             if not all(function in passed[program] for program in programs[name])]
